@@ -1,0 +1,37 @@
+"""Attitude <-> QuaternionStamped, and boresight <-> Vector3Stamped."""
+
+import numpy as np
+from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
+from std_msgs.msg import Header
+
+from star_tracker.attitude import Attitude
+from star_tracker.spherical import Floats
+
+
+def quaternion_from_attitude(attitude: Attitude, header: Header) -> QuaternionStamped:
+    """Write the quaternion that rotates camera-frame vectors into the header's frame."""
+    message = QuaternionStamped(header=header)
+    x, y, z, w = (float(value) for value in attitude.quaternion_xyzw)
+    message.quaternion.x, message.quaternion.y = x, y
+    message.quaternion.z, message.quaternion.w = z, w
+    return message
+
+
+def array_from_quaternion(message: QuaternionStamped) -> Floats:
+    """Read the quaternion (4,), order x, y, z, w."""
+    q = message.quaternion
+    return np.array([q.x, q.y, q.z, q.w])
+
+
+def boresight_from_attitude(attitude: Attitude, header: Header) -> Vector3Stamped:
+    """Write right ascension, declination and roll, degrees, as x, y, z."""
+    message = Vector3Stamped(header=header)
+    message.vector.x = float(np.degrees(attitude.ra_rad))
+    message.vector.y = float(np.degrees(attitude.dec_rad))
+    message.vector.z = float(np.degrees(attitude.roll_rad))
+    return message
+
+
+def array_from_boresight(message: Vector3Stamped) -> Floats:
+    """Read right ascension, declination and roll (3,), degrees."""
+    return np.array([message.vector.x, message.vector.y, message.vector.z])

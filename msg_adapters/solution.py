@@ -1,0 +1,40 @@
+"""Solution -> DiagnosticArray of one status, and back to plain key-value text."""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from std_msgs.msg import Header
+
+from star_tracker.tracker import Solution, Status
+from star_tracker.verification import StarState
+
+
+def diagnostics_from_solution(solution: Solution, name: str, header: Header) -> DiagnosticArray:
+    """Write how a frame ended: level OK where solved, ERROR for bad input, else WARN."""
+    level = {Status.SOLVED: DiagnosticStatus.OK, Status.BAD_INPUT: DiagnosticStatus.ERROR}.get(
+        solution.status, DiagnosticStatus.WARN
+    )
+    state = solution.identification.state
+    values = {
+        "status": solution.status.value,
+        "reason": solution.reason,
+        "method": solution.method,
+        "parity": solution.parity,
+        "matched": int((state == StarState.IDENTIFIED).sum()),
+        "displaced": int((state == StarState.DISPLACED).sum()),
+        "total": len(state),
+        "ignored": solution.n_ignored,
+        "wrong_probability": f"{solution.wrong_probability:.3g}",
+        "log10_false_alarms": f"{solution.log10_false_alarms:.2f}",
+        "rms_px": f"{solution.rms_px:.4f}",
+        "hypotheses": solution.n_hypotheses,
+        "solve_ms": f"{solution.solve_ms:.3f}",
+    }
+    status = DiagnosticStatus(
+        level=level, name=name, message=f"{solution.status.value}: {solution.reason}",
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+    )
+    return DiagnosticArray(header=header, status=[status])
+
+
+def values_from_diagnostics(message: DiagnosticArray) -> dict[str, str]:
+    """Read the keys and values of the message's only status."""
+    return {pair.key: pair.value for pair in message.status[0].values}

@@ -1,0 +1,36 @@
+"""Build description; the one version number here and in package.xml."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "star_tracker"
+SHARE = f"share/{NAME}"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Lost-in-space star identification and attitude determination for ROS 2",
+    license="Apache-2.0",
+    author="star_tracker developers",
+    packages=find_packages(include=["star_tracker*", "msg_adapters*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["data/resource/star_tracker"]),
+        (SHARE, ["package.xml"]),
+        (f"{SHARE}/config", sorted(glob("config/*.yaml"))),
+        (f"{SHARE}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"{SHARE}/data", ["data/hipparcos_v8.npy", "data/crossid.csv", "data/README.md"]),
+        (f"{SHARE}/data/star_maps", sorted(glob("data/star_maps/*.csv"))),
+    ],
+    python_requires=">=3.10",
+    install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11"],
+    extras_require={"attachments": ["xlrd>=2"], "test": ["pytest<9"]},
+    entry_points={
+        "console_scripts": [
+            "identify_node = star_tracker.nodes.identify_node:main",
+            "replay_node = star_tracker.nodes.replay_node:main",
+            "demo = star_tracker.nodes.demo:main",
+        ],
+    },
+    zip_safe=False,
+)

@@ -1,0 +1,92 @@
+"""Lens distortion in the models that `sensor_msgs/CameraInfo` names.
+
+Points are normalised image coordinates (n, 2): X/Z and Y/Z of the optical frame, no unit. The
+models are those of Brown (1966) as OpenCV writes them (`plumb_bob`, `rational_polynomial`) and of
+Kannala and Brandt (2006) (`equidistant`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from star_tracker.spherical import Floats
+
+#: Number of coefficients that each model takes.
+MODELS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+_MAX_ITERATIONS = 50
+_CONVERGED = 1e-12
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """A distortion model with its coefficients, in the order of `CameraInfo.d`.
+
+    Raises ValueError for an unknown model, a wrong number of coefficients or a non-finite one.
+    """
+
+    model: str
+    coefficients: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise ValueError(
+                f"unknown distortion model {self.model!r}: use one of {', '.join(MODELS)}"
+            )
+        expected = MODELS[self.model]
+        if len(self.coefficients) != expected:
+            raise ValueError(
+                f"distortion model {self.model} takes {expected} coefficients, "
+                f"not {len(self.coefficients)}"
+            )
+        if not np.all(np.isfinite(self.coefficients)):
+            raise ValueError("distortion coefficients must be finite numbers")
+
+    def distort(self, points: Floats) -> Floats:
+        """Map ideal points (n, 2) to where the lens puts them."""
+        if self.model == "equidistant":
+            return self._equidistant(points)
+        k1, k2, p1, p2, k3, *denominator = self.coefficients
+        k4, k5, k6 = denominator or (0.0, 0.0, 0.0)
+        x, y = points[:, 0], points[:, 1]
+        r2 = x * x + y * y
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        return np.column_stack([
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ])
+
+    def _equidistant(self, points: Floats) -> Floats:
+        k1, k2, k3, k4 = self.coefficients
+        r = np.hypot(points[:, 0], points[:, 1])
+        theta = np.arctan(r)
+        t2 = theta * theta
+        bent = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+        return points * np.where(r > 0, bent / np.where(r > 0, r, 1.0), 1.0)[:, None]
+
+    def undistort(self, points: Floats) -> Floats:
+        """Invert `distort` by Newton's method with a numerical Jacobian, point by point.
+
+        Raises ValueError where no ideal point maps to the given one: the coefficients then do
+        not describe a lens that could have produced it.
+        """
+        ideal = points.copy()
+        step = 1e-7
+        for _ in range(_MAX_ITERATIONS):
+            error = self.distort(ideal) - points
+            if not np.all(np.isfinite(error)):
+                break
+            if np.max(np.abs(error), initial=0.0) < _CONVERGED:
+                return ideal
+            dx = (self.distort(ideal + (step, 0.0)) - self.distort(ideal - (step, 0.0))) / step / 2
+            dy = (self.distort(ideal + (0.0, step)) - self.distort(ideal - (0.0, step))) / step / 2
+            determinant = dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]
+            if np.any(determinant == 0):
+                break
+            ideal = ideal - np.column_stack([
+                (error[:, 0] * dy[:, 1] - error[:, 1] * dy[:, 0]) / determinant,
+                (error[:, 1] * dx[:, 0] - error[:, 0] * dx[:, 1]) / determinant,
+            ])
+        raise ValueError(
+            "the distortion cannot be inverted for a point of the image: "
+            "check the coefficients of the calibration"
+        )

@@ -1,0 +1,156 @@
+"""Matcher 1: match-group voting with direction (paper, 5.2; van Bezooijen 1994).
+
+For a main star each observed pair (main, companion) selects the guide-star pairs of the same
+separation within a tolerance (5-5). In the paper each of them raises a state flag on its stars
+and the highest flag wins. Here a pair votes for a guide star *and* a roll, the difference of the
+companion's position angles in the catalogue and in the image, so that votes by chance are spread
+over 128 times as many cells and one main star is usually enough. A triangle check (5-6) then keeps
+the members of a winning cell that also agree with each other.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from star_tracker.database import FeatureDatabase
+from star_tracker.field import Candidate, StarField
+from star_tracker.pairs import AZIMUTH_UNITS, azimuth_units
+from star_tracker.spherical import Floats, separation
+
+#: 128 roll bins of 2.8 deg; a cell is two adjacent bins, so that no roll falls between bins.
+_ROLL_BINS = AZIMUTH_UNITS // 2
+#: The highest cells are looked for among about this many votes of the highest score.
+_PROMISING_VOTES = 100
+
+
+@dataclass(frozen=True)
+class MatchGroupSettings:
+    """How far the search goes.
+
+    Attributes:
+        pair_tolerances_px: tolerances of a pair's separation, tried in turn.
+        companions: how many of the nearest stars vote for a main star.
+        cells: how many of the highest cells of a main star become candidates.
+    """
+
+    pair_tolerances_px: tuple[float, ...] = (2.0, 6.0, 12.0)
+    companions: int = 20
+    cells: int = 3
+
+
+@dataclass(frozen=True)
+class _Votes:
+    """All votes of one main star: `cell[i]` was named by companion `by[i]` through `pair[i]`."""
+
+    cell: NDArray[np.int32]
+    by: NDArray[np.intp]
+    pair: NDArray[np.intp]
+
+
+def candidates(
+    database: FeatureDatabase, field: StarField, settings: MatchGroupSettings
+) -> Iterator[Candidate | None]:
+    """Yield the candidates of one main star after the other, the most promising first.
+
+    None is yielded for a cell that fails the triangle check and after each main star, so that
+    the caller can look at the clock however long no candidate turns up.
+    """
+    n_compared = 0
+    for tolerance_px in settings.pair_tolerances_px:
+        tolerance_rad = tolerance_px / field.camera.focal_length_px
+        for main in field.from_centre:
+            votes = _vote(database, field, int(main), tolerance_rad, settings.companions)
+            # Each vote is a hypothesis of its own: a pair matched with a pair fixes the pose.
+            n_compared += len(votes.cell)
+            for cell in _highest_cells(votes.cell, settings.cells):
+                members = _members(database, field, int(main), votes, cell, tolerance_rad)
+                yield members and Candidate(*members, tolerance_px, n_compared)
+            yield None
+
+
+def _vote(
+    database: FeatureDatabase, field: StarField, main: int, tolerance_rad: float, count: int
+) -> _Votes:
+    """Let each companion vote for the cells (guide star * 128 + roll bin) of its pairs."""
+    companion, separations, angle = field.neighbours(main, count)
+    first, last = database.pairs.ranges(separations - tolerance_rad, separations + tolerance_rad)
+    counts = last - first
+    start = np.cumsum(counts) - counts
+    pair = np.arange(counts.sum()) + np.repeat(first - start, counts)
+    coded = database.pairs.main_azimuth[pair]
+    observed = np.repeat(azimuth_units(angle), counts)
+    roll = (coded - observed) & (AZIMUTH_UNITS - 1)
+    cell = ((coded & -AZIMUTH_UNITS) | roll) >> 1
+    return _Votes(cell, np.repeat(companion, counts), pair)
+
+
+def _highest_cells(cell: NDArray[np.int32], count: int) -> NDArray[np.int32]:
+    """Return up to `count` cells with the most votes in themselves and the next roll bin.
+
+    A cell with fewer than two votes cannot form a triangle and is left out. Only the cells that
+    were voted for are looked at; sorting the votes instead takes four times as long.
+    """
+    if len(cell) == 0:
+        return cell
+    votes = np.bincount(cell, minlength=int(cell.max()) + 2)
+    score = votes[cell] + votes[_next_bin(cell)]
+    # Scores are small integers with many ties, on which a partition is slow: count them instead.
+    at_least = np.cumsum(np.bincount(score)[::-1])[::-1]
+    enough = np.flatnonzero(at_least >= _PROMISING_VOTES)
+    threshold = max(2, int(enough[-1]) if len(enough) else 0)
+    promising = np.flatnonzero(score >= threshold)
+    unique, first = np.unique(cell[promising], return_index=True)
+    best = np.argsort(-score[promising[first]], kind="stable")
+    return unique[best[:count]]
+
+
+def _next_bin(cell: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the cells of the same guide stars with the next roll bin, the last bin's is bin 0."""
+    return np.where(cell & (_ROLL_BINS - 1) == _ROLL_BINS - 1, cell - (_ROLL_BINS - 1), cell + 1)
+
+
+def _members(
+    database: FeatureDatabase,
+    field: StarField,
+    main: int,
+    votes: _Votes,
+    cell: np.int32,
+    tolerance_rad: float,
+) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
+    """Return the main star and the companions of a cell that pass the triangle check.
+
+    They come as indices into the field and into the catalogue, each (k,).
+    """
+    chosen = np.flatnonzero((votes.cell == cell) | (votes.cell == _next_bin(cell)))
+    observed = votes.by[chosen]
+    catalog = database.pairs.companion[votes.pair[chosen]].astype(np.intp)
+    agreeing = _triangle_check(
+        field.vectors[observed], database.catalog.vectors[catalog], tolerance_rad
+    )
+    if len(agreeing) < 2:
+        return None
+    return (
+        np.concatenate([[main], observed[agreeing]]),
+        np.concatenate([[cell // _ROLL_BINS], catalog[agreeing]]),
+    )
+
+
+def _triangle_check(observed: Floats, catalog: Floats, tolerance_rad: float) -> NDArray[np.intp]:
+    """Return the members (k, 3), (k, 3) whose mutual separations agree with the best member's.
+
+    Two members close a triangle with the main star when their separation in the image and in the
+    catalogue agree too (5-6). The member with the most partners is kept with those partners.
+    A pair of equal stars has separation 0 on one side only and so never agrees, unless two
+    members name the same star twice over, which the one-to-one association resolves later.
+    """
+    in_image = separation(observed[:, None], observed[None])
+    in_catalog = separation(catalog[:, None], catalog[None])
+    agrees = np.abs(in_image - in_catalog) <= tolerance_rad
+    np.fill_diagonal(agrees, False)
+    partners = agrees.sum(axis=1)
+    hub = int(np.argmax(partners))
+    if partners[hub] == 0:
+        return np.empty(0, np.intp)
+    return np.concatenate([[hub], np.flatnonzero(agrees[hub])])

@@ -1,0 +1,211 @@
+"""Star maps: files of labelled centroids with their camera, and synthetic fields of known truth.
+
+The file format is CSV under a head of `# key: value` lines; `data/README.md` describes it. The
+eight maps of the paper are shipped in it.
+"""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from star_tracker.attitude import rotation_from_boresight
+from star_tracker.camera import Camera
+from star_tracker.catalog import StarCatalog
+from star_tracker.resources import resource_path
+from star_tracker.spherical import Floats
+
+STAR_MAPS_FOLDER = "data/star_maps"
+PAPER_MAPS = (1, 2, 3, 4, 5, 6, 7, 8)
+_COLUMNS = ("label", "x_px", "y_px", "star_number", "displaced_px")
+_CAMERA_KEYS = ("width_px", "height_px", "fov_deg", "cx_px", "cy_px", "parity")
+_POSE_KEYS = ("ra_deg", "dec_deg", "roll_deg")
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Boresight (ICRS) and roll, the position angle of the image's up direction; degrees."""
+
+    ra_deg: float
+    dec_deg: float
+    roll_deg: float
+
+    @property
+    def rotation(self) -> Floats:
+        """The rotation matrix (3, 3), camera to ICRS."""
+        return rotation_from_boresight(*np.radians([self.ra_deg, self.dec_deg, self.roll_deg]))
+
+
+@dataclass(frozen=True)
+class StarMap:
+    """One frame with what is known about it.
+
+    Attributes:
+        name: what reports call it.
+        camera: its camera, of definite parity.
+        labels: (n,) the centroids' names.
+        xy_px: (n, 2) centroids.
+        star_number: (n,) true star numbers, 0 = not known or none.
+        displaced_px: (n,) how far a centroid was moved from its true place on purpose.
+        pose: the true pose, where known.
+    """
+
+    name: str
+    camera: Camera
+    labels: tuple[str, ...]
+    xy_px: Floats
+    star_number: NDArray[np.int64]
+    displaced_px: Floats
+    pose: Pose | None = None
+
+
+def paper_maps(numbers: tuple[int, ...] = PAPER_MAPS, folder: Path | None = None) -> list[StarMap]:
+    """Return the paper's maps with these numbers from `folder`, by default the shipped ones.
+
+    Raises ValueError for an unknown number or a damaged file.
+    """
+    unknown = [str(n) for n in numbers if n not in PAPER_MAPS]
+    if unknown:
+        raise ValueError(f"there is no map {', '.join(unknown)}: the maps are numbered 1 to 8")
+    where = resource_path(STAR_MAPS_FOLDER) if folder is None else folder
+    return [read_star_map(where / f"map{n}.csv") for n in numbers]
+
+
+def read_star_map(path: Path) -> StarMap:
+    """Read a star map file. Raises ValueError with the file and line of what is wrong."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"star map {path} cannot be read: {error}") from error
+    head = [line[1:] for line in lines if line.startswith("#")]
+    keys = dict(_key_value(line) for line in head if ":" in line)
+    body = list(csv.reader(line for line in lines if line.strip() and not line.startswith("#")))
+    if not body or tuple(body[0]) != _COLUMNS:
+        raise ValueError(f"star map {path}: the columns must be {','.join(_COLUMNS)}")
+    try:
+        values = np.array([row[1:] for row in body[1:]], float).reshape(-1, len(_COLUMNS) - 1)
+    except ValueError as error:
+        raise ValueError(f"star map {path}: not a table of numbers ({error})") from error
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"star map {path}: a value is not a finite number")
+    return StarMap(
+        keys.get("name", path.stem), _camera(path, keys), tuple(row[0] for row in body[1:]),
+        values[:, :2], values[:, 2].astype(np.int64), values[:, 3], _pose(path, keys),
+    )
+
+
+def write_star_map(star_map: StarMap, path: Path) -> None:
+    """Write a star map file; coordinates are rounded to 0.01 px."""
+    camera = star_map.camera
+    lines = [
+        "# star map, format 1",
+        f"# name: {star_map.name}",
+        f"# width_px: {camera.width_px}",
+        f"# height_px: {camera.height_px}",
+        f"# fov_deg: {camera.fov_deg:.10g}",
+        f"# cx_px: {camera.cx_px:.10g}",
+        f"# cy_px: {camera.cy_px:.10g}",
+        f"# parity: {camera.parity}",
+    ]
+    if star_map.pose is not None:
+        lines += [f"# {key}: {getattr(star_map.pose, key):.10g}" for key in _POSE_KEYS]
+    lines.append(",".join(_COLUMNS))
+    rows = zip(
+        star_map.labels, star_map.xy_px, star_map.star_number, star_map.displaced_px, strict=True
+    )
+    lines += [f"{name},{x:.2f},{y:.2f},{number},{d:.2f}" for name, (x, y), number, d in rows]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _key_value(line: str) -> tuple[str, str]:
+    key, _, value = line.partition(":")
+    return key.strip(), value.strip()
+
+
+def _numbers(path: Path, keys: dict[str, str], names: tuple[str, ...]) -> dict[str, float]:
+    try:
+        return {name: float(keys[name]) for name in names if name in keys}
+    except ValueError as error:
+        raise ValueError(f"star map {path}: a head line holds no number ({error})") from error
+
+
+def _camera(path: Path, keys: dict[str, str]) -> Camera:
+    missing = [name for name in ("width_px", "height_px", "fov_deg", "parity") if name not in keys]
+    if missing:
+        raise ValueError(f"star map {path}: the head has no line '# {missing[0]}: ...'")
+    number = _numbers(path, keys, _CAMERA_KEYS[:-1])
+    try:
+        return Camera.from_fov(
+            number["fov_deg"], int(number["width_px"]), int(number["height_px"]),
+            cx_px=number.get("cx_px"), cy_px=number.get("cy_px"), parity=keys["parity"],
+        )
+    except ValueError as error:
+        raise ValueError(f"star map {path}: {error}") from error
+
+
+def _pose(path: Path, keys: dict[str, str]) -> Pose | None:
+    number = _numbers(path, keys, _POSE_KEYS)
+    return Pose(**number) if len(number) == len(_POSE_KEYS) else None
+
+
+@dataclass(frozen=True)
+class SyntheticField:
+    """A simulated frame: centroids (n, 2), the true catalogue index of each (-1 = false star)."""
+
+    xy_px: Floats
+    catalog_index: NDArray[np.int64]
+    rotation: Floats
+
+
+def visible_stars(
+    catalog: StarCatalog, camera: Camera, rotation: Floats
+) -> tuple[NDArray[np.intp], Floats]:
+    """Return the catalogue indices (m,) and pixels (m, 2) of the stars in a camera's image."""
+    index = np.flatnonzero(catalog.vectors @ rotation[:, 2] > np.cos(camera.radius_rad))
+    pixels = camera.pixels(catalog.vectors[index] @ rotation)
+    inside = camera.contains(pixels)
+    return index[inside], pixels[inside]
+
+
+def synthetic_field(
+    catalog: StarCatalog,
+    camera: Camera,
+    rotation: Floats,
+    rng: np.random.Generator,
+    *,
+    noise_px: float = 0.0,
+    missing: float = 0.0,
+    false_stars: float = 0.0,
+) -> SyntheticField:
+    """Simulate a frame at a rotation (3, 3), camera to ICRS.
+
+    Args:
+        catalog: the stars of the sky.
+        camera: the camera, of definite parity.
+        rotation: the true attitude.
+        rng: source of all chance.
+        noise_px: standard deviation of a centroid along each axis.
+        missing: fraction of the stars that are not seen, each dropped independently.
+        false_stars: number of false stars as a fraction of the number of true stars in the field.
+    """
+    index, pixels = visible_stars(catalog, camera, rotation)
+    n_false = round(false_stars * len(index))
+    seen = rng.random(len(index)) >= missing
+    xy = pixels[seen] + rng.normal(0.0, noise_px, (int(seen.sum()), 2))
+    false = uniform_noise(camera, n_false, rng)
+    order = rng.permutation(len(xy) + n_false)
+    truth = np.concatenate([index[seen], np.full(n_false, -1)])
+    return SyntheticField(np.concatenate([xy, false])[order], truth[order], rotation)
+
+
+def uniform_noise(camera: Camera, n: int, rng: np.random.Generator) -> Floats:
+    """Return centroids (n, 2) that have nothing to do with any star."""
+    return rng.random((n, 2)) * (camera.width_px, camera.height_px)
+
+
+def random_rotation(rng: np.random.Generator) -> Floats:
+    """Return a rotation (3, 3) from the uniform distribution over all attitudes."""
+    ra, roll = rng.uniform(0, 2 * np.pi, 2)
+    return rotation_from_boresight(float(ra), float(np.arcsin(rng.uniform(-1, 1))), float(roll))
