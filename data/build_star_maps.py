@@ -22,7 +22,7 @@ from star_tracker.star_maps import Pose, StarMap, write_star_map
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a map is made. theta turns the image: its X axis lies cos(theta) north + sin(theta) east."""
+    """How a map is made. Its X axis points cos(theta) north + sin(theta) east."""
 
     letter: str
     camera: Camera

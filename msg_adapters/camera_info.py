@@ -20,9 +20,9 @@ def camera_from_info(message: CameraInfo, parity: str) -> Camera:
     """
     fx, skew, cx, _, fy, cy, *_ = (float(value) for value in message.k)
     if skew != 0:
-        raise MessageError(f"CameraInfo K has a skew of {skew:g}: only K without skew is supported")
+        raise MessageError(f"CameraInfo K has a skew of {skew:g}: calibrate without skew")
     if fx == 0 or fy == 0:
-        raise MessageError("CameraInfo K is zero: the camera is not calibrated, calibrate it first")
+        raise MessageError("CameraInfo K is zero: the camera is not calibrated, calibrate it")
     try:
         return Camera(
             int(message.width), int(message.height), fx, fy, cx, cy, parity, _distortion(message)

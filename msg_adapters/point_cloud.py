@@ -35,7 +35,7 @@ class Centroids:
 
 
 def centroids_from_cloud(message: PointCloud2) -> Centroids:
-    """Read fields x, y and, where present, intensity. Raises MessageError for a malformed cloud."""
+    """Read fields x, y and, where present, intensity. Raises MessageError if malformed."""
     points = points_from_cloud(message)
     if len(points) == 0:
         return Centroids(np.empty((0, 2)))

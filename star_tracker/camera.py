@@ -140,7 +140,7 @@ class Camera:
         """Return unit vectors (n, 3) in the optical frame for pixels (n, 2)."""
         points = self.plane(xy_px)
         vectors = np.column_stack([points, np.ones(len(points))])
-        return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
     def pixels(self, vectors: ArrayLike) -> Floats:
         """Return pixels (n, 2) for vectors (n, 3) of the optical frame.

@@ -185,10 +185,10 @@ def _resolve_blends(catalog: StarCatalog, limit_rad: float, blends: str) -> Star
         return _subset(catalog, np.flatnonzero(size[group] == 1))
     flux = 10 ** (-0.4 * catalog.v_mag)
     total = np.bincount(group, flux, n_groups)
-    centre = np.column_stack([
+    light = np.column_stack([
         np.bincount(group, flux * catalog.vectors[:, axis], n_groups) for axis in range(3)
     ])
-    centre /= np.linalg.norm(centre, axis=1, keepdims=True)
+    centre = light / np.linalg.norm(light, axis=1, keepdims=True)
     # Faintest first, so that the brightest member is the last to claim its group's slot.
     brightest = np.empty(n_groups, np.intp)
     faint_first = np.argsort(-catalog.v_mag, kind="stable")

@@ -15,6 +15,7 @@ from star_tracker.spherical import Floats
 MODELS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 _MAX_ITERATIONS = 50
 _CONVERGED = 1e-12
+_STEP = 1e-7
 
 
 @dataclass(frozen=True)
@@ -69,16 +70,16 @@ class Distortion:
         Raises ValueError where no ideal point maps to the given one: the coefficients then do
         not describe a lens that could have produced it.
         """
-        ideal = points.copy()
-        step = 1e-7
+        ideal: Floats = points.copy()
+        step_x, step_y = np.array([[_STEP, 0.0]]), np.array([[0.0, _STEP]])
         for _ in range(_MAX_ITERATIONS):
             error = self.distort(ideal) - points
             if not np.all(np.isfinite(error)):
                 break
             if np.max(np.abs(error), initial=0.0) < _CONVERGED:
                 return ideal
-            dx = (self.distort(ideal + (step, 0.0)) - self.distort(ideal - (step, 0.0))) / step / 2
-            dy = (self.distort(ideal + (0.0, step)) - self.distort(ideal - (0.0, step))) / step / 2
+            dx = (self.distort(ideal + step_x) - self.distort(ideal - step_x)) / (2 * _STEP)
+            dy = (self.distort(ideal + step_y) - self.distort(ideal - step_y)) / (2 * _STEP)
             determinant = dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]
             if np.any(determinant == 0):
                 break

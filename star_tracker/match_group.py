@@ -42,11 +42,20 @@ class MatchGroupSettings:
 
 @dataclass(frozen=True)
 class _Votes:
-    """All votes of one main star: `cell[i]` was named by companion `by[i]` through `pair[i]`."""
+    """The votes for one main star: `cell[i]` was voted for by the guide-star pair `pair[i]`.
 
+    The votes of `companion[j]` begin at `start[j]`.
+    """
+
+    main: int
+    companion: NDArray[np.intp]
+    start: NDArray[np.intp]
     cell: NDArray[np.int32]
-    by: NDArray[np.intp]
     pair: NDArray[np.intp]
+
+    def cast_by(self, vote: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the observed companions that cast some votes."""
+        return self.companion[np.searchsorted(self.start, vote, "right") - 1]
 
 
 def candidates(
@@ -64,8 +73,8 @@ def candidates(
             votes = _vote(database, field, int(main), tolerance_rad, settings.companions)
             # Each vote is a hypothesis of its own: a pair matched with a pair fixes the pose.
             n_compared += len(votes.cell)
-            for cell in _highest_cells(votes.cell, settings.cells):
-                members = _members(database, field, int(main), votes, cell, tolerance_rad)
+            for cell in _highest_cells(votes.cell, settings.cells).tolist():
+                members = _members(database, field, votes, cell, tolerance_rad)
                 yield members and Candidate(*members, tolerance_px, n_compared)
             yield None
 
@@ -83,7 +92,8 @@ def _vote(
     observed = np.repeat(azimuth_units(angle), counts)
     roll = (coded - observed) & (AZIMUTH_UNITS - 1)
     cell = ((coded & -AZIMUTH_UNITS) | roll) >> 1
-    return _Votes(cell, np.repeat(companion, counts), pair)
+    voting = counts > 0
+    return _Votes(main, companion[voting], start[voting], cell, pair)
 
 
 def _highest_cells(cell: NDArray[np.int32], count: int) -> NDArray[np.int32]:
@@ -112,19 +122,15 @@ def _next_bin(cell: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _members(
-    database: FeatureDatabase,
-    field: StarField,
-    main: int,
-    votes: _Votes,
-    cell: np.int32,
-    tolerance_rad: float,
+    database: FeatureDatabase, field: StarField, votes: _Votes, cell: int, tolerance_rad: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
     """Return the main star and the companions of a cell that pass the triangle check.
 
     They come as indices into the field and into the catalogue, each (k,).
     """
-    chosen = np.flatnonzero((votes.cell == cell) | (votes.cell == _next_bin(cell)))
-    observed = votes.by[chosen]
+    following = int(_next_bin(np.array(cell, np.int32)))
+    chosen = np.flatnonzero((votes.cell == cell) | (votes.cell == following))
+    observed = votes.cast_by(chosen)
     catalog = database.pairs.companion[votes.pair[chosen]].astype(np.intp)
     agreeing = _triangle_check(
         field.vectors[observed], database.catalog.vectors[catalog], tolerance_rad
@@ -132,7 +138,7 @@ def _members(
     if len(agreeing) < 2:
         return None
     return (
-        np.concatenate([[main], observed[agreeing]]),
+        np.concatenate([[votes.main], observed[agreeing]]),
         np.concatenate([[cell // _ROLL_BINS], catalog[agreeing]]),
     )
 

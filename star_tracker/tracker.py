@@ -1,4 +1,4 @@
-"""The whole path: centroids -> unit vectors -> candidates -> verified identification -> attitude."""
+"""The whole path: centroids -> vectors -> candidates -> verified identification -> attitude."""
 
 import time
 from collections.abc import Iterator
@@ -20,9 +20,12 @@ from star_tracker.verification import Identification, Verified, label, verify
 
 #: Fewer stars than this fit some guide stars by chance too often to be told apart from truth.
 MIN_STARS = 4
-#: A true sky seen in a mirror reaches log10 false alarms of -2.5 in 1000 fields of 12 deg: with the
-#: parity unknown, more is asked, or a lead of the better parity after a full search of both.
-_AUTO_PARITY_CERTAIN = -6.0
+#: A hypothesis this good ends the search. A weaker one that can be accepted first has to hold out
+#: against this many more: a few true stars among 40 can carry a pose that is off by half a degree.
+#: A true sky seen in a mirror reached -2.5 in 1000 fields of 12 deg, so where the parity is not
+#: known a weaker one needs a lead over the other parity after a full search of both.
+_CERTAIN = -6.0
+_SECOND_LOOK = 10
 _AUTO_PARITY_LEAD = 4.0
 #: A centroid this far outside of the image (in image sizes) cannot have come from it.
 _OUTSIDE_MARGIN = 0.05
@@ -115,6 +118,14 @@ class _Search:
     best: list[Verified | None]
     n_compared: list[int]
     timed_out: bool = False
+
+    def judged(self, parity: int, verified: Verified | None) -> None:
+        """Keep a judged hypothesis if it is the parity's best."""
+        known = self.best[parity]
+        if verified is not None and (
+            known is None or verified.log10_false_alarms < known.log10_false_alarms
+        ):
+            self.best[parity] = verified
 
     @property
     def n_hypotheses(self) -> int:
@@ -221,18 +232,18 @@ class StarTracker:
     def _search(self, fields: list[StarField], deadline: float) -> _Search:
         """Judge candidates until one is certain, none is left or the time is up."""
         search = _Search([None] * len(fields), [0] * len(fields))
-        certain = self._certain(len(fields))
+        threshold = self.settings.max_log10_false_alarms
+        second_look = 0
         for parity, candidate in self._candidates(fields):
             if candidate is not None:
                 search.n_compared[parity] = candidate.n_compared
-                verified = verify(self.database.catalog, fields[parity], candidate)
-                known = search.best[parity]
-                if verified is not None and (
-                    known is None or verified.log10_false_alarms < known.log10_false_alarms
-                ):
-                    search.best[parity] = verified
-                    if search.score(parity) < certain:
-                        return search
+                search.judged(parity, verify(self.database.catalog, fields[parity], candidate))
+                score = search.score(parity)
+                if score < min(_CERTAIN, threshold):
+                    return search
+                second_look += score < threshold
+                if second_look > _SECOND_LOOK and len(fields) == 1:
+                    return search
             if time.perf_counter() > deadline:
                 search.timed_out = True
                 return search
@@ -247,15 +258,12 @@ class StarTracker:
         for candidates in zip_longest(*sources):
             yield from enumerate(candidates)
 
-    def _certain(self, n_parities: int) -> float:
-        threshold = self.settings.max_log10_false_alarms
-        return threshold if n_parities == 1 else min(threshold, _AUTO_PARITY_CERTAIN)
-
     def _judge(self, search: _Search, chosen: int) -> tuple[Status, str]:
         score, n_parities = search.score(chosen), len(search.best)
-        if score < self._certain(n_parities):
+        threshold = self.settings.max_log10_false_alarms
+        if score < (threshold if n_parities == 1 else min(_CERTAIN, threshold)):
             return Status.SOLVED, "identified"
-        if score < self.settings.max_log10_false_alarms:
+        if score < threshold:
             lead = min(search.score(p) for p in range(n_parities) if p != chosen) - score
             if lead >= _AUTO_PARITY_LEAD and not search.timed_out:
                 return Status.SOLVED, "identified"

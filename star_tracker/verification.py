@@ -19,7 +19,7 @@ from star_tracker.field import Candidate, StarField
 from star_tracker.spherical import Floats
 
 #: Rounds of projecting, associating and fitting.
-_ROUNDS = 3
+_ROUNDS = 4
 #: Errors that no residual shows: rounding of centroids and catalogue, pixels.
 _FLOOR_PX = 0.15
 #: The gate, in tolerances of the candidate, within which a star may be associated.
@@ -32,8 +32,6 @@ _LABEL_GATE_FLOOR_PX = 0.3
 _DISPLACED_AMBIGUITY = 3.0
 #: A displaced star is labelled where fewer chance pairs than this are expected so close.
 _DISPLACED_CHANCE = 0.05
-#: Median of the length of a two-dimensional normal error of unit sigma: sqrt(2 ln 2).
-_RAYLEIGH_MEDIAN = 1.1774
 
 
 class StarState(IntEnum):
@@ -133,17 +131,23 @@ def verify(catalog: StarCatalog, field: StarField, candidate: Candidate) -> Veri
         found = _associate(surroundings, field, rotation, gate)
         if len(found.observed) < 3:
             break
-        scores = log10_false_alarms(
-            found.residual_px, len(field), found.n_predicted, field.camera.area_px2
-        )
-        k = int(np.argmin(scores))
-        if best is not None and scores[k] >= best.log10_false_alarms:
+        k, score = _most_meaningful(found, field)
+        if best is not None and score >= best.log10_false_alarms:
             break
-        best = Verified(rotation, float(scores[k]), candidate.tolerance_px)
-        if set(found.observed[: k + 3]) == set(observed):
+        best = Verified(rotation, score, candidate.tolerance_px)
+        if set(found.observed[:k]) == set(observed):
             break
-        observed, matched = found.observed[: k + 3], found.catalog[: k + 3]
+        observed, matched = found.observed[:k], found.catalog[:k]
     return best
+
+
+def _most_meaningful(found: Association, field: StarField) -> tuple[int, float]:
+    """Return how many of the best matches are least likely by chance, and their log10 score."""
+    scores = log10_false_alarms(
+        found.residual_px, len(field), found.n_predicted, field.camera.area_px2
+    )
+    best = int(np.argmin(scores))
+    return best + 3, float(scores[best])
 
 
 def _associate(
@@ -213,35 +217,29 @@ def label(
 ) -> tuple[Identification, Floats]:
     """Label every star of an accepted frame; return the labels and the final rotation (3, 3).
 
-    The noise is estimated from the frame itself, so that a precise frame gets a narrow gate.
+    The noise is estimated from the frame itself, from the matches that are least likely by chance,
+    so that a precise frame gets a narrow gate.
     """
     rotation = verified.rotation
     gate = max(_LABEL_GATE_PX, verified.tolerance_px)
     surroundings = _Surroundings.of(catalog, field, rotation, 2 * gate)
     found = _associate(surroundings, field, rotation, gate)
+    k = _most_meaningful(found, field)[0]
     for _ in range(_ROUNDS):
-        before = len(found.observed)
-        within = _final_gate_px(found.residual_px)
-        keep = max(3, int(np.searchsorted(found.residual_px, within, "right")))
-        rotation = wahba(
-            field.vectors[found.observed[:keep]], catalog.vectors[found.catalog[:keep]]
-        )
-        found = _associate(surroundings, field, rotation, within)
-        if len(found.observed) == before:
+        rotation = wahba(field.vectors[found.observed[:k]], catalog.vectors[found.catalog[:k]])
+        # Three of the 2 k coordinates went into the rotation.
+        sigma = np.sqrt(np.sum(found.residual_px[:k] ** 2) / (2 * k - 3))
+        gate = max(_LABEL_GATE_SIGMA * float(sigma), _LABEL_GATE_FLOOR_PX)
+        found = _associate(surroundings, field, rotation, gate)
+        if len(found.observed) == k:
             break
+        k = len(found.observed)
     result = Identification.empty(len(field))
     result.catalog_index[found.observed] = found.catalog
     result.state[found.observed] = StarState.IDENTIFIED
     result.residual_px[found.observed] = found.residual_px
     _label_displaced(surroundings, field, rotation, result, displaced_gate_px)
     return result, rotation
-
-
-def _final_gate_px(residual_px: Floats) -> float:
-    """Return the gate for true stars from residuals of mostly true ones, by their median."""
-    k = len(residual_px)
-    sigma = float(np.median(residual_px)) * np.sqrt(2 * k / (2 * k - 3)) / _RAYLEIGH_MEDIAN
-    return max(_LABEL_GATE_SIGMA * float(sigma), _LABEL_GATE_FLOOR_PX)
 
 
 def _label_displaced(

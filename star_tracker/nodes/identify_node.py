@@ -78,8 +78,8 @@ class IdentifyNode(Node):
             f"{p['fov_deg']:g} deg over {p['width_px']} px"
         )
         self.get_logger().info(
-            f"ready: {catalog.description}, {self._database.pairs.n_pairs} pairs, camera {source}, "
-            f"parity {p['parity']}"
+            f"ready: {catalog.description}, {self._database.pairs.n_pairs} pairs, "
+            f"camera {source}, parity {p['parity']}"
         )
 
     def _advertise(self) -> None:

@@ -65,9 +65,9 @@ class Parameter:
         if not isinstance(self.default, tuple):
             return self._checked_item(value, type(self.default), value)
         if isinstance(value, (str, bytes)) or not isinstance(value, Sequence):
-            raise self._error(value)
+            raise self.error(value)
         if len(value) == 0:
-            raise self._error(value)
+            raise self.error(value)
         kind = type(self.default[0])
         return tuple(self._checked_item(item, kind, value) for item in value)
 
@@ -75,13 +75,13 @@ class Parameter:
         if kind is float and type(item) is int:
             item = float(item)
         if type(item) is not kind:
-            raise self._error(shown)
+            raise self.error(shown)
         if kind in (int, float):
             low, high = self.allowed or (-math.inf, math.inf)
             if not low <= item <= high:  # NaN is in no range
-                raise self._error(shown)
+                raise self.error(shown)
         if self.choices and item not in self.choices:
-            raise self._error(shown)
+            raise self.error(shown)
         return item
 
     def _constraint(self) -> str:
@@ -96,7 +96,8 @@ class Parameter:
             return f"{text} from {self.allowed[0]:g} to {self.allowed[1]:g}"
         return text
 
-    def _error(self, value: Any) -> ParameterError:
+    def error(self, value: Any) -> ParameterError:
+        """Return the error that says in one line what the value must be."""
         shown = list(value) if not isinstance(value, (str, bytes)) and isinstance(
             value, Sequence
         ) else value
@@ -155,8 +156,8 @@ IDENTIFY_PARAMETERS = (
         EPOCH_RANGE,
     ),
     Parameter(
-        "max_separation_deg", DEFAULT_MAX_SEPARATION_DEG, "largest separation of a guide-star pair",
-        "deg", MAX_SEPARATION_RANGE_DEG,
+        "max_separation_deg", DEFAULT_MAX_SEPARATION_DEG,
+        "largest separation of a guide-star pair", "deg", MAX_SEPARATION_RANGE_DEG,
     ),
     Parameter("reference_frame", "icrs", "frame_id of the attitude"),
     Parameter("camera_frame", "", "frame_id of the stars; empty = that of the centroids"),
@@ -187,6 +188,6 @@ def declare(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:
             # rclpy refuses an override outside of the descriptor's range before we see it.
             override = node._parameter_overrides.get(parameter.name)  # noqa: SLF001
             shown = override.value if override is not None else default
-            raise parameter._error(shown) from error
+            raise parameter.error(shown) from error
         values[parameter.name] = parameter.checked(declared.value)
     return values

@@ -1,0 +1,46 @@
+# make demo: the main job in two processes.  make test: the tests.  Both set up what they need.
+# PYTHON=python3.12 chooses another Python, CONSTRAINTS=FILE other versions than the locked ones.
+
+PYTHON ?= python3
+VENV ?= .venv
+CONSTRAINTS ?=
+PYTEST_ARGS ?=
+
+# The kernels are small: threads of BLAS cost more than they give.
+export OPENBLAS_NUM_THREADS = 1
+
+version := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+ros := $(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo sourced || echo wheels)
+ready := $(VENV)/.ready-$(version)-$(ros)-$(notdir $(CONSTRAINTS))
+python := $(VENV)/bin/python
+
+.PHONY: demo test lint data benchmark clean
+
+demo: $(ready)
+	$(python) -m star_tracker.nodes.demo
+
+test: $(ready)
+	ROS_PYTHON_CHECK_FIELDS=1 $(python) -m pytest $(PYTEST_ARGS)
+
+lint: $(ready)-lint
+	$(python) -m ruff check .
+	$(python) -m mypy
+
+# Rebuilds the shipped catalogue and star maps; git diff shows that nothing changed.
+data: $(ready)
+	$(python) data/build_catalog.py
+	$(python) data/build_star_maps.py
+
+benchmark: $(ready)
+	$(python) benchmark/solve_time.py
+
+$(ready): requirements/python.txt requirements/ros.txt requirements/install.sh setup.py $(CONSTRAINTS)
+	sh requirements/install.sh "$(PYTHON)" "$(VENV)" "$(ros)" "$(CONSTRAINTS)"
+	touch $@
+
+$(ready)-lint: requirements/lint.txt $(ready)
+	sh requirements/install.sh --lint "$(VENV)"
+	touch $@
+
+clean:
+	rm -rf $(VENV) build install log .mypy_cache .pytest_cache .ruff_cache *.egg-info
