@@ -1,7 +1,7 @@
 """How often frames of random attitude are solved, rightly and wrongly, under growing trouble.
 
-`python benchmark/robustness.py [--frames N] [--seed S]` prints the table of the README. No deadline
-and no brightness is used; CPU time, one BLAS thread.
+`python benchmark/robustness.py [--frames N] [--seed S]` prints the table of the README.
+No deadline, no brightness; CPU time, one BLAS thread.
 """
 
 import argparse
@@ -28,7 +28,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=2019)
     options = parser.parse_args()
     database = FeatureDatabase.build(StarCatalog.paper())
-    print("| camera | condition | correct % | wrong % | median ms | p95 ms |\n|---|---|---|---|---|---|")
+    print("| camera | condition | correct % | wrong % | median ms | p95 ms |")
+    print("|---|---|---|---|---|---|")
     for name, camera in CAMERAS.items():
         tracker = StarTracker(database, camera, SolveSettings(deadline_ms=float("inf")))
         for condition in CONDITIONS:

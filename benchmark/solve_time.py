@@ -57,7 +57,8 @@ def main() -> int:
         total, right = total + len(star_map.labels), right + n_right
         median, p95 = np.percentile(times, [50, 95])
         print(
-            f"{star_map.name:>6} {len(star_map.labels):>6} {n_right:>6} {median:>10.2f} {p95:>8.2f}"
+            f"{star_map.name:>6} {len(star_map.labels):>6} {n_right:>6} "
+            f"{median:>10.2f} {p95:>8.2f}"
         )
     median, p95 = np.percentile(np.concatenate(every), [50, 95])
     print(f"{'all':>6} {total:>6} {right:>6} {median:>10.2f} {p95:>8.2f}")

@@ -113,31 +113,28 @@ class Solution:
 
 @dataclass
 class _Search:
-    """What the search has found so far: the best judged hypothesis of each parity."""
+    """What the search has found so far: of each parity the best hypothesis and its score.
+
+    The score is log10 of the false alarms, with all hypotheses charged that were compared before.
+    """
 
     best: list[Verified | None]
+    score: list[float]
     n_compared: list[int]
     timed_out: bool = False
 
     def judged(self, parity: int, verified: Verified | None) -> None:
-        """Keep a judged hypothesis if it is the parity's best."""
-        known = self.best[parity]
-        if verified is not None and (
-            known is None or verified.log10_false_alarms < known.log10_false_alarms
-        ):
-            self.best[parity] = verified
+        """Keep a judged hypothesis if it is the parity's best; charge all compared so far."""
+        if verified is None:
+            return
+        score = verified.log10_false_alarms + float(np.log10(self.n_hypotheses))
+        if score < self.score[parity]:
+            self.best[parity], self.score[parity] = verified, score
 
     @property
     def n_hypotheses(self) -> int:
         """Hypotheses compared so far, of all parities."""
         return sum(self.n_compared)
-
-    def score(self, parity: int) -> float:
-        """log10 false alarms of a parity's best hypothesis, all hypotheses charged."""
-        verified = self.best[parity]
-        if verified is None:
-            return float("inf")
-        return verified.log10_false_alarms + float(np.log10(self.n_hypotheses))
 
 
 class StarTracker:
@@ -203,13 +200,13 @@ class StarTracker:
     def _solve(self, xy: Floats, started: float) -> Solution:
         fields = [StarField.from_pixels(camera, xy) for camera in self._cameras]
         search = self._search(fields, started + self.settings.deadline_ms / 1e3)
-        chosen = min(range(len(fields)), key=search.score)
+        chosen = min(range(len(fields)), key=search.score.__getitem__)
         status, reason = self._judge(search, chosen)
         verified = search.best[chosen]
         if status is not Status.SOLVED or verified is None:
             return Solution(
                 status, reason, Identification.empty(len(xy)),
-                log10_false_alarms=search.score(chosen), n_hypotheses=search.n_hypotheses,
+                log10_false_alarms=search.score[chosen], n_hypotheses=search.n_hypotheses,
             )
         star_field = fields[chosen]
         identification, rotation = label(
@@ -225,24 +222,25 @@ class StarTracker:
         )
         return Solution(
             status, reason, identification, attitude, "match_group",
-            star_field.camera.parity, search.score(chosen),
+            star_field.camera.parity, search.score[chosen],
             float(np.sqrt(residual2 / len(identified))), search.n_hypotheses,
         )
 
     def _search(self, fields: list[StarField], deadline: float) -> _Search:
         """Judge candidates until one is certain, none is left or the time is up."""
-        search = _Search([None] * len(fields), [0] * len(fields))
+        n = len(fields)
+        search = _Search([None] * n, [float("inf")] * n, [0] * n)
         threshold = self.settings.max_log10_false_alarms
         second_look = 0
         for parity, candidate in self._candidates(fields):
             if candidate is not None:
                 search.n_compared[parity] = candidate.n_compared
                 search.judged(parity, verify(self.database.catalog, fields[parity], candidate))
-                score = search.score(parity)
+                score = search.score[parity]
                 if score < min(_CERTAIN, threshold):
                     return search
                 second_look += score < threshold
-                if second_look > _SECOND_LOOK and len(fields) == 1:
+                if second_look > _SECOND_LOOK and n == 1:
                     return search
             if time.perf_counter() > deadline:
                 search.timed_out = True
@@ -259,12 +257,12 @@ class StarTracker:
             yield from enumerate(candidates)
 
     def _judge(self, search: _Search, chosen: int) -> tuple[Status, str]:
-        score, n_parities = search.score(chosen), len(search.best)
+        score, n_parities = search.score[chosen], len(search.best)
         threshold = self.settings.max_log10_false_alarms
         if score < (threshold if n_parities == 1 else min(_CERTAIN, threshold)):
             return Status.SOLVED, "identified"
         if score < threshold:
-            lead = min(search.score(p) for p in range(n_parities) if p != chosen) - score
+            lead = min(search.score[p] for p in range(n_parities) if p != chosen) - score
             if lead >= _AUTO_PARITY_LEAD and not search.timed_out:
                 return Status.SOLVED, "identified"
             return Status.AMBIGUOUS, (

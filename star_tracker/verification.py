@@ -230,7 +230,10 @@ def label(
         # Three of the 2 k coordinates went into the rotation.
         sigma = np.sqrt(np.sum(found.residual_px[:k] ** 2) / (2 * k - 3))
         gate = max(_LABEL_GATE_SIGMA * float(sigma), _LABEL_GATE_FLOOR_PX)
-        found = _associate(surroundings, field, rotation, gate)
+        again = _associate(surroundings, field, rotation, gate)
+        if len(again.observed) < 3:
+            break
+        found = again
         if len(found.observed) == k:
             break
         k = len(found.observed)
