@@ -29,7 +29,7 @@ setup(
         "console_scripts": [
             "identify_node = star_tracker.nodes.identify_node:main",
             "replay_node = star_tracker.nodes.replay_node:main",
-            "demo = star_tracker.nodes.demo:main",
+            "star_tracker_demo = star_tracker.nodes.demo:main",
         ],
     },
     zip_safe=False,

@@ -24,9 +24,12 @@ def camera_from_info(message: CameraInfo, parity: str) -> Camera:
     if fx == 0 or fy == 0:
         raise MessageError("CameraInfo K is zero: the camera is not calibrated, calibrate it")
     try:
-        return Camera(
+        camera = Camera(
             int(message.width), int(message.height), fx, fy, cx, cy, parity, _distortion(message)
         )
+        # Found once for all frames: it fails where the distortion does not reach the corners.
+        _ = camera.radius_rad
+        return camera
     except ValueError as error:
         raise MessageError(f"CameraInfo: {error}") from error
 

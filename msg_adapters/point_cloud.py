@@ -36,14 +36,16 @@ class Centroids:
 
 def centroids_from_cloud(message: PointCloud2) -> Centroids:
     """Read fields x, y and, where present, intensity. Raises MessageError if malformed."""
-    points = points_from_cloud(message)
-    if len(points) == 0:
+    if message.width == 0 or message.height == 0:
         return Centroids(np.empty((0, 2)))
+    points = points_from_cloud(message)
     for name in ("x", "y"):
         _require_coordinate(message, name)
     xy = np.column_stack([points["x"], points["y"]]).astype(float)
-    has_intensity = "intensity" in (points.dtype.names or ())
-    return Centroids(xy, points["intensity"].astype(float) if has_intensity else None)
+    if "intensity" not in (points.dtype.names or ()):
+        return Centroids(xy)
+    _require_one_value(points, "intensity")
+    return Centroids(xy, points["intensity"].astype(float))
 
 
 def cloud_from_centroids(centroids: Centroids, header: Header) -> PointCloud2:
@@ -63,7 +65,8 @@ def cloud_from_identification(
 ) -> PointCloud2:
     """Write one point for each centroid, in input order, as `STAR_DTYPE` (0 or NaN = none)."""
     stars = np.zeros(len(xy_px), STAR_DTYPE)
-    stars["x"], stars["y"] = xy_px[:, 0], xy_px[:, 1]
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
+        stars["x"], stars["y"] = xy_px[:, 0], xy_px[:, 1]
     stars["state"] = identification.state
     stars["residual_px"] = identification.residual_px
     for name in ("ra_deg", "dec_deg", "magnitude"):
@@ -86,6 +89,7 @@ def stars_from_cloud(message: PointCloud2) -> NDArray[np.void]:
         raise MessageError(f"PointCloud2 has no field {sorted(missing)[0]}")
     stars = np.zeros(len(points), STAR_DTYPE)
     for name in STAR_DTYPE.names or ():
+        _require_one_value(points, name)
         stars[name] = points[name]
     return stars
 
@@ -95,16 +99,19 @@ def points_from_cloud(message: PointCloud2) -> NDArray[np.void]:
 
     Raises MessageError where sizes, offsets or data types do not agree with each other.
     """
-    if message.width == 0 or message.height == 0:
-        return np.empty(0, [])
-    if message.height != 1:
+    if message.height != 1 and message.width > 0:
         raise MessageError(f"PointCloud2 height is {message.height}: a frame has height 1")
     expected = message.width * message.point_step
-    if message.point_step == 0 or len(message.data) != expected:
+    if (message.point_step == 0 and message.width > 0) or len(message.data) != expected:
         raise MessageError(
             f"PointCloud2 data has {len(message.data)} bytes, but width {message.width} x "
             f"point_step {message.point_step} is {expected}: make them agree"
         )
+    return np.frombuffer(message.data, _layout(message))
+
+
+def _layout(message: PointCloud2) -> np.dtype:
+    """Return the structured dtype that the fields of a cloud describe."""
     names = [field.name for field in message.fields]
     if len(set(names)) != len(names):
         raise MessageError(f"PointCloud2 names a field twice: {', '.join(names)}")
@@ -114,20 +121,19 @@ def points_from_cloud(message: PointCloud2) -> NDArray[np.void]:
         if field.datatype not in _FORMATS:
             raise MessageError(f"PointCloud2 field {field.name} has no valid datatype")
         form = order + _FORMATS[field.datatype]
-        form = form if field.count in (0, 1) else f"{field.count}{form}"
-        if field.offset + np.dtype(form).itemsize > message.point_step:
+        count = max(1, field.count)  # some writers leave the count of a single value at 0
+        if field.offset + count * np.dtype(form).itemsize > message.point_step:
             raise MessageError(
                 f"PointCloud2 field {field.name} at offset {field.offset} does not fit into "
                 f"point_step {message.point_step}"
             )
-        layout[field.name] = (form, field.offset)
-    dtype = np.dtype({
+        layout[field.name] = (form if count == 1 else f"{count}{form}", field.offset)
+    return np.dtype({
         "names": list(layout),
         "formats": [form for form, _ in layout.values()],
         "offsets": [offset for _, offset in layout.values()],
         "itemsize": message.point_step,
     })
-    return np.frombuffer(message.data, dtype)
 
 
 def cloud_from_points(points: NDArray[np.void], header: Header) -> PointCloud2:
@@ -146,6 +152,11 @@ def cloud_from_points(points: NDArray[np.void], header: Header) -> PointCloud2:
         point_step=step, row_step=step * len(points), data=array.array("B", points.tobytes()),
         is_dense=dense,
     )
+
+
+def _require_one_value(points: NDArray[np.void], name: str) -> None:
+    if points.dtype[name].shape:
+        raise MessageError(f"PointCloud2 field {name} must hold one value for each point")
 
 
 def _require_coordinate(message: PointCloud2, name: str) -> None:

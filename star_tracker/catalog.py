@@ -8,6 +8,7 @@ The shipped catalogue holds the Hipparcos stars to V = 8 and three Tycho-2 stars
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ REFERENCE_EPOCH = 2000.0
 #: Beyond this, linear proper motion from 2000.0 is no longer good to an arcsecond for all stars.
 EPOCH_RANGE = (1900.0, 2100.0)
 LIMITING_MAGNITUDE_RANGE = (2.0, 8.0)
-BLENDS = ("merge", "drop")
+_BLENDED = {"merge": "merged", "drop": "dropped"}
 #: How `StarCatalog.named` builds each catalogue.
 CATALOGS = ("paper", "hipparcos")
 _MAS_TO_RAD = np.pi / 180 / 3600e3
@@ -43,7 +44,7 @@ class StarCatalog:
         hip: (n,) Hipparcos number, 0 = none.
         number: (n,) star number of the paper, 0 = none. For reports only, never an index.
         epoch: Julian year of the positions.
-        description: what was selected, in words, for reports and for the database's settings.
+        description: what was selected, in words, for reports.
     """
 
     vectors: Floats
@@ -102,18 +103,23 @@ class StarCatalog:
                 f"limiting_magnitude {limiting_magnitude:g} is outside of {low:g} to {high:g}: "
                 "the shipped catalogue ends at V = 8"
             )
-        if blends not in BLENDS:
-            raise ValueError(f"blends {blends!r} is unknown: use {' or '.join(BLENDS)}")
+        if blends not in _BLENDED:
+            raise ValueError(f"blends {blends!r} is unknown: use {' or '.join(_BLENDED)}")
         if not 0 <= min_separation_deg <= 1:
             raise ValueError(f"min_separation_deg {min_separation_deg:g} is outside of 0 to 1")
         rows = read_catalog_file(resource_path(CATALOG_FILE))
-        rows = rows[rows["v_mag"] <= limiting_magnitude]
         text = (
             f"hipparcos, V <= {limiting_magnitude:g}, blends closer than "
-            f"{min_separation_deg:g} deg {blends}d, epoch {epoch:.1f}"
-        ).replace("droped", "dropped")
+            f"{min_separation_deg:g} deg {_BLENDED[blends]}, epoch {epoch:.1f}"
+        )
+        limit_rad = float(np.radians(min_separation_deg))
         every = _from_rows(rows, epoch, text)
-        return _resolve_blends(every, np.radians(min_separation_deg), blends)
+        if blends == "merge":
+            # Two stars too faint to be seen may be seen together: the limit comes after merging.
+            merged = _resolve_blends(every, limit_rad, blends)
+            return _subset(merged, np.flatnonzero(merged.v_mag <= limiting_magnitude))
+        seen = _subset(every, np.flatnonzero(every.v_mag <= limiting_magnitude))
+        return _resolve_blends(seen, limit_rad, blends)
 
     @classmethod
     def named(
@@ -143,13 +149,14 @@ def read_catalog_file(path: Path) -> NDArray[np.void]:
     Raises ValueError with the file's name where it is damaged or of another format.
     """
     try:
-        rows = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
+        with path.open("rb") as file:
+            rows = np.load(file, allow_pickle=False)
+    except (ValueError, EOFError, OSError, BadZipFile) as error:
         raise ValueError(f"star catalogue {path} cannot be read: {error}") from error
     if not isinstance(rows, np.ndarray) or rows.dtype != CATALOG_DTYPE or rows.ndim != 1:
         raise ValueError(f"star catalogue {path} has another format: rebuild it (make data)")
-    positions = (rows["ra_deg"], rows["dec_deg"], rows["v_mag"])
-    if not all(np.all(np.isfinite(column)) for column in positions):
+    needed = ("ra_deg", "dec_deg", "pm_ra_mas_yr", "pm_dec_mas_yr", "v_mag")
+    if not all(np.all(np.isfinite(rows[name])) for name in needed):
         raise ValueError(f"star catalogue {path} is damaged: rebuild it (make data)")
     rows.setflags(write=False)
     return rows

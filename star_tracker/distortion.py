@@ -16,6 +16,7 @@ MODELS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
 _MAX_ITERATIONS = 50
 _CONVERGED = 1e-12
 _STEP = 1e-7
+_STEPS_FROM_AXIS = 33
 
 
 @dataclass(frozen=True)
@@ -65,29 +66,38 @@ class Distortion:
         return points * np.where(r > 0, bent / np.where(r > 0, r, 1.0), 1.0)[:, None]
 
     def undistort(self, points: Floats) -> Floats:
-        """Invert `distort` by Newton's method with a numerical Jacobian, point by point.
+        """Invert `distort` by Newton's method, all points at once.
 
-        Raises ValueError where no ideal point maps to the given one: the coefficients then do
-        not describe a lens that could have produced it.
+        Raises ValueError where no ray of the scene lands on a point, also where the polynomial
+        reaches it again beyond its turning point or on the other side of the axis.
         """
         ideal: Floats = points.copy()
+        # Points far off a pole of the model overflow; they are refused below.
+        with np.errstate(all="ignore"):
+            for _ in range(_MAX_ITERATIONS):
+                error = self.distort(ideal) - points
+                dx, dy, determinant = self._jacobian(ideal)
+                if np.max(np.abs(error), initial=0.0) < _CONVERGED:
+                    break
+                ideal = ideal - np.column_stack([
+                    (error[:, 0] * dy[:, 1] - error[:, 1] * dy[:, 0]) / determinant,
+                    (error[:, 1] * dx[:, 0] - error[:, 0] * dx[:, 1]) / determinant,
+                ])
+            if not np.all(np.abs(error) < _CONVERGED) or not self._reachable(ideal):
+                raise ValueError(
+                    "the distortion cannot be inverted for a point of the image: "
+                    "check the coefficients of the calibration"
+                )
+        return ideal
+
+    def _jacobian(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the derivatives of `distort` by x and y, each (n, 2), and the determinant."""
         step_x, step_y = np.array([[_STEP, 0.0]]), np.array([[0.0, _STEP]])
-        for _ in range(_MAX_ITERATIONS):
-            error = self.distort(ideal) - points
-            if not np.all(np.isfinite(error)):
-                break
-            if np.max(np.abs(error), initial=0.0) < _CONVERGED:
-                return ideal
-            dx = (self.distort(ideal + step_x) - self.distort(ideal - step_x)) / (2 * _STEP)
-            dy = (self.distort(ideal + step_y) - self.distort(ideal - step_y)) / (2 * _STEP)
-            determinant = dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]
-            if np.any(determinant == 0):
-                break
-            ideal = ideal - np.column_stack([
-                (error[:, 0] * dy[:, 1] - error[:, 1] * dy[:, 0]) / determinant,
-                (error[:, 1] * dx[:, 0] - error[:, 0] * dx[:, 1]) / determinant,
-            ])
-        raise ValueError(
-            "the distortion cannot be inverted for a point of the image: "
-            "check the coefficients of the calibration"
-        )
+        dx = (self.distort(points + step_x) - self.distort(points - step_x)) / (2 * _STEP)
+        dy = (self.distort(points + step_y) - self.distort(points - step_y)) / (2 * _STEP)
+        return dx, dy, dx[:, 0] * dy[:, 1] - dx[:, 1] * dy[:, 0]
+
+    def _reachable(self, points: Floats) -> bool:
+        """Return whether the lens maps one-to-one all the way from the axis to each point."""
+        way = np.linspace(0.0, 1.0, _STEPS_FROM_AXIS)[:, None, None] * points
+        return bool(np.all(self._jacobian(way.reshape(-1, 2))[2] > 0))

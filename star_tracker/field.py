@@ -21,14 +21,17 @@ class Candidate:
         observed: (k,) indices into the field's stars.
         catalog: (k,) catalogue indices.
         tolerance_px: position tolerance with which the match was found.
-        n_compared: how many hypotheses the matcher has compared so far to come to this one. The
-            verification charges them all: the best of many may be good by chance.
     """
 
     observed: NDArray[np.intp]
     catalog: NDArray[np.intp]
     tolerance_px: float
-    n_compared: int
+
+
+#: What a matcher yields: how many hypotheses it has compared so far, and a candidate if this step
+#: brought one. All hypotheses compared are charged: the best of many may be good by chance. Steps
+#: without a candidate let the caller look at the clock.
+Step = tuple[int, Candidate | None]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from star_tracker.database import FeatureDatabase
-from star_tracker.field import Candidate, StarField
+from star_tracker.field import Candidate, StarField, Step
 from star_tracker.pairs import AZIMUTH_UNITS, azimuth_units
 from star_tracker.spherical import Floats, separation
 
@@ -30,12 +30,12 @@ class MatchGroupSettings:
     """How far the search goes.
 
     Attributes:
-        pair_tolerances_px: tolerances of a pair's separation, tried in turn.
+        pair_tolerance_px: tolerances of a pair's separation, tried in turn.
         companions: how many of the nearest stars vote for a main star.
         cells: how many of the highest cells of a main star become candidates.
     """
 
-    pair_tolerances_px: tuple[float, ...] = (2.0, 6.0, 12.0)
+    pair_tolerance_px: tuple[float, ...] = (2.0, 6.0, 12.0)
     companions: int = 20
     cells: int = 3
 
@@ -60,14 +60,13 @@ class _Votes:
 
 def candidates(
     database: FeatureDatabase, field: StarField, settings: MatchGroupSettings
-) -> Iterator[Candidate | None]:
+) -> Iterator[Step]:
     """Yield the candidates of one main star after the other, the most promising first.
 
-    None is yielded for a cell that fails the triangle check and after each main star, so that
-    the caller can look at the clock however long no candidate turns up.
+    There is also a step for each cell that fails the triangle check and after each main star.
     """
     n_compared = 0
-    for tolerance_px in settings.pair_tolerances_px:
+    for tolerance_px in settings.pair_tolerance_px:
         tolerance_rad = tolerance_px / field.camera.focal_length_px
         for main in field.from_centre:
             votes = _vote(database, field, int(main), tolerance_rad, settings.companions)
@@ -75,8 +74,8 @@ def candidates(
             n_compared += len(votes.cell)
             for cell in _highest_cells(votes.cell, settings.cells).tolist():
                 members = _members(database, field, votes, cell, tolerance_rad)
-                yield members and Candidate(*members, tolerance_px, n_compared)
-            yield None
+                yield n_compared, members and Candidate(*members, tolerance_px)
+            yield n_compared, None
 
 
 def _vote(

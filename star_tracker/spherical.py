@@ -43,11 +43,6 @@ def chord(angle_rad: ArrayLike) -> Any:
     return 2 * np.sin(np.asarray(angle_rad, float) / 2)
 
 
-def angle_of_chord(length: ArrayLike) -> Any:
-    """Return the angle that a chord of the unit sphere subtends."""
-    return 2 * np.arcsin(np.minimum(np.asarray(length, float) / 2, 1.0))
-
-
 def tangent_basis(vectors: ArrayLike) -> tuple[Floats, Floats]:
     """Return the unit vectors east and north (..., 3) tangent at unit vectors (..., 3).
 

@@ -74,22 +74,27 @@ def paper_maps(numbers: tuple[int, ...] = PAPER_MAPS, folder: Path | None = None
 
 
 def read_star_map(path: Path) -> StarMap:
-    """Read a star map file. Raises ValueError with the file and line of what is wrong."""
+    """Read a star map file. Raises ValueError with the file's name and what is wrong in it."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"star map {path} cannot be read: {error}") from error
-    head = [line[1:] for line in lines if line.startswith("#")]
-    keys = dict(_key_value(line) for line in head if ":" in line)
+    keys = dict(_key_value(line[1:]) for line in lines if line.startswith("#") and ":" in line)
     body = list(csv.reader(line for line in lines if line.strip() and not line.startswith("#")))
     if not body or tuple(body[0]) != _COLUMNS:
         raise ValueError(f"star map {path}: the columns must be {','.join(_COLUMNS)}")
+    if any(len(row) != len(_COLUMNS) for row in body):
+        raise ValueError(
+            f"star map {path}: not a table of numbers (each row needs {len(_COLUMNS)} columns)"
+        )
     try:
         values = np.array([row[1:] for row in body[1:]], float).reshape(-1, len(_COLUMNS) - 1)
     except ValueError as error:
         raise ValueError(f"star map {path}: not a table of numbers ({error})") from error
     if not np.all(np.isfinite(values)):
         raise ValueError(f"star map {path}: a value is not a finite number")
+    if np.any(values[:, 2] != np.floor(values[:, 2])):
+        raise ValueError(f"star map {path}: a star number is not a whole number")
     return StarMap(
         keys.get("name", path.stem), _camera(path, keys), tuple(row[0] for row in body[1:]),
         values[:, :2], values[:, 2].astype(np.int64), values[:, 3], _pose(path, keys),
@@ -97,8 +102,13 @@ def read_star_map(path: Path) -> StarMap:
 
 
 def write_star_map(star_map: StarMap, path: Path) -> None:
-    """Write a star map file; coordinates are rounded to 0.01 px."""
+    """Write a star map file; coordinates are rounded to 0.01 px.
+
+    Raises ValueError for a camera that the format has no words for.
+    """
     camera = star_map.camera
+    if camera.distortion is not None or camera.fx_px != camera.fy_px:
+        raise ValueError("a star map's camera has square pixels and no distortion")
     lines = [
         "# star map, format 1",
         f"# name: {star_map.name}",
@@ -115,7 +125,11 @@ def write_star_map(star_map: StarMap, path: Path) -> None:
     rows = zip(
         star_map.labels, star_map.xy_px, star_map.star_number, star_map.displaced_px, strict=True
     )
-    lines += [f"{name},{x:.2f},{y:.2f},{number},{d:.2f}" for name, (x, y), number, d in rows]
+    for name, (x, y), number, displaced in rows:
+        # Quoted where it must be; a # in front would make a remark of the row.
+        plain = not set(name) & set(',"#\n')
+        label = name if plain else '"' + name.replace('"', '""') + '"'
+        lines.append(f"{label},{x:.2f},{y:.2f},{number},{displaced:.2f}")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -136,18 +150,27 @@ def _camera(path: Path, keys: dict[str, str]) -> Camera:
     if missing:
         raise ValueError(f"star map {path}: the head has no line '# {missing[0]}: ...'")
     number = _numbers(path, keys, _CAMERA_KEYS[:-1])
+    if keys["parity"] == "auto":
+        raise ValueError(f"star map {path}: parity must be normal or mirrored, not auto")
+    for name in ("width_px", "height_px"):
+        if number[name] != np.floor(number[name]):
+            raise ValueError(f"star map {path}: {name} must be a whole number")
     try:
         return Camera.from_fov(
             number["fov_deg"], int(number["width_px"]), int(number["height_px"]),
             cx_px=number.get("cx_px"), cy_px=number.get("cy_px"), parity=keys["parity"],
         )
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise ValueError(f"star map {path}: {error}") from error
 
 
 def _pose(path: Path, keys: dict[str, str]) -> Pose | None:
     number = _numbers(path, keys, _POSE_KEYS)
-    return Pose(**number) if len(number) == len(_POSE_KEYS) else None
+    if not number:
+        return None
+    if len(number) != len(_POSE_KEYS) or not np.all(np.isfinite(list(number.values()))):
+        raise ValueError(f"star map {path}: a pose needs finite {', '.join(_POSE_KEYS)}")
+    return Pose(**number)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from star_tracker import match_group
 from star_tracker.attitude import Attitude, covariance
 from star_tracker.camera import Camera
 from star_tracker.database import FeatureDatabase
-from star_tracker.field import Candidate, StarField
+from star_tracker.field import StarField, Step
 from star_tracker.match_group import MatchGroupSettings
 from star_tracker.spherical import Floats
 from star_tracker.verification import Identification, Verified, label, verify
@@ -56,14 +56,16 @@ class SolveSettings:
 
     match_group: MatchGroupSettings = field(default_factory=MatchGroupSettings)
     displaced_gate_px: float = 40.0
-    max_log10_false_alarms: float = -3.0
+    max_log10_false_alarms: float = -4.0
     deadline_ms: float = 200.0
     max_centroids: int = 1000
 
     def __post_init__(self) -> None:
-        tolerances = self.match_group.pair_tolerances_px
+        tolerances = self.match_group.pair_tolerance_px
         if not tolerances or not all(0.01 <= t <= 100 for t in tolerances):
             raise ValueError("pair_tolerance_px needs one or more values from 0.01 to 100")
+        if self.match_group.companions < 1 or self.match_group.cells < 1:
+            raise ValueError("companions and cells must be at least 1")
         if not 0 <= self.displaced_gate_px <= 1000:
             raise ValueError("displaced_gate_px must be from 0 to 1000")
         if not -100 <= self.max_log10_false_alarms <= 0:
@@ -86,7 +88,8 @@ class Solution:
         parity: the parity under which it was found, empty where none was.
         log10_false_alarms: of the best hypothesis, solved or not; infinity where there was none.
         rms_px: root mean square residual of the identified stars, NaN where unsolved.
-        n_hypotheses: how many hypotheses were compared; all are charged in the false alarms.
+        n_hypotheses: how many hypotheses were compared. Those compared before the best one was
+            found are charged in its false alarms.
         n_ignored: centroids left out because they are not finite or lie outside of the image.
         solve_ms: wall-clock time.
     """
@@ -105,7 +108,12 @@ class Solution:
 
     @property
     def wrong_probability(self) -> float:
-        """Upper bound for the chance that this solution is a coincidence; 1 where unsolved."""
+        """Estimate of the chance that this solution is a coincidence; 1 where unsolved.
+
+        It takes the expected false alarms for a probability. It has been conservative wherever it
+        was measured (benchmark/false_alarms.py), but it is about unrelated points: of a sky seen
+        with the wrong parity it knows nothing.
+        """
         if self.status is not Status.SOLVED:
             return 1.0
         return float(min(1.0, 10.0**self.log10_false_alarms))
@@ -144,6 +152,8 @@ class StarTracker:
         database: guide stars and their features.
         camera: the camera; its parity may be `auto`.
         settings: tolerances, thresholds and limits.
+
+    Raises ValueError where the camera's distortion cannot be inverted over the image.
     """
 
     def __init__(
@@ -153,6 +163,8 @@ class StarTracker:
         self.camera = camera
         self.settings = settings or SolveSettings()
         self._cameras = camera.definite()
+        # Refuses a lens that does not reach the corners of the image, before any frame comes.
+        _ = camera.radius_rad
 
     def solve(self, xy_px: ArrayLike) -> Solution:
         """Identify centroids (n, 2), pixels, and determine the attitude.
@@ -169,8 +181,13 @@ class StarTracker:
         return self._finish(solution, usable, started)
 
     def _usable(self, xy: Floats) -> np.ndarray:
-        margin = _OUTSIDE_MARGIN * max(self.camera.width_px, self.camera.height_px)
-        return self.camera.contains(xy, margin)
+        """Return which centroids can have come from the image: noise may push some over its edge.
+
+        With distortion there is no margin: the lens may have no rays beyond the edge.
+        """
+        camera = self.camera
+        size = max(camera.width_px, camera.height_px)
+        return camera.contains(xy, _OUTSIDE_MARGIN * size if camera.distortion is None else 0.0)
 
     def _unusable(self, xy: Floats, usable: np.ndarray) -> Solution | None:
         """Return the solution of a frame that need not be searched, None for one that must."""
@@ -232,9 +249,9 @@ class StarTracker:
         search = _Search([None] * n, [float("inf")] * n, [0] * n)
         threshold = self.settings.max_log10_false_alarms
         second_look = 0
-        for parity, candidate in self._candidates(fields):
+        for parity, (n_compared, candidate) in self._candidates(fields):
+            search.n_compared[parity] = n_compared
             if candidate is not None:
-                search.n_compared[parity] = candidate.n_compared
                 search.judged(parity, verify(self.database.catalog, fields[parity], candidate))
                 score = search.score[parity]
                 if score < min(_CERTAIN, threshold):
@@ -247,23 +264,23 @@ class StarTracker:
                 return search
         return search
 
-    def _candidates(self, fields: list[StarField]) -> Iterator[tuple[int, Candidate | None]]:
-        """Yield (parity, candidate), the parities in turn."""
+    def _candidates(self, fields: list[StarField]) -> Iterator[tuple[int, Step]]:
+        """Yield (parity, step of its matcher), the parities in turn."""
         sources = [
             match_group.candidates(self.database, star_field, self.settings.match_group)
             for star_field in fields
         ]
-        for candidates in zip_longest(*sources):
-            yield from enumerate(candidates)
+        for steps in zip_longest(*sources):
+            yield from ((parity, step) for parity, step in enumerate(steps) if step is not None)
 
     def _judge(self, search: _Search, chosen: int) -> tuple[Status, str]:
         score, n_parities = search.score[chosen], len(search.best)
         threshold = self.settings.max_log10_false_alarms
         if score < (threshold if n_parities == 1 else min(_CERTAIN, threshold)):
             return Status.SOLVED, "identified"
-        if score < threshold:
+        if score < threshold and not search.timed_out:
             lead = min(search.score[p] for p in range(n_parities) if p != chosen) - score
-            if lead >= _AUTO_PARITY_LEAD and not search.timed_out:
+            if lead >= _AUTO_PARITY_LEAD:
                 return Status.SOLVED, "identified"
             return Status.AMBIGUOUS, (
                 "the sky and its mirror image fit about as well: set parity to normal or mirrored"

@@ -1,7 +1,7 @@
 """The demo: identify_node and replay_node as two processes, and a table of what was found.
 
-`ros2 run star_tracker demo`, or `make demo`. The exit code is 0 only if every star of the eight
-maps has the paper's number and every boresight is where the map was computed for.
+`ros2 run star_tracker star_tracker_demo`, or `make demo`. The exit code is 0 only if every star of
+the eight maps has the paper's number and every boresight is where the map was computed for.
 """
 
 import argparse
@@ -236,7 +236,7 @@ def report(maps: Sequence[StarMap], results: Sequence[Result]) -> bool:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the demo; return the exit code."""
-    parser = argparse.ArgumentParser(prog="demo", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="star_tracker_demo", description=__doc__.split("\n")[0])
     parser.add_argument("--folder", type=Path, help="other maps than the shipped ones")
     parser.add_argument("--rate-hz", type=float, default=10.0, help="frames per second")
     options = parser.parse_args(args)

@@ -54,7 +54,7 @@ class IdentifyNode(Node):
         self._listen()
 
     def _configure(self, p: dict[str, Any]) -> None:
-        self._parameters = p
+        self._settled = p
         catalog = StarCatalog.named(
             p["catalog"], limiting_magnitude=p["limiting_magnitude"],
             min_separation_deg=p["min_separation_deg"], epoch=p["epoch"],
@@ -63,7 +63,7 @@ class IdentifyNode(Node):
             catalog, max_separation_deg=p["max_separation_deg"]
         )
         self._settings = SolveSettings(
-            match_group=MatchGroupSettings(pair_tolerances_px=p["pair_tolerance_px"]),
+            match_group=MatchGroupSettings(pair_tolerance_px=p["pair_tolerance_px"]),
             displaced_gate_px=p["displaced_gate_px"],
             max_log10_false_alarms=p["max_log10_false_alarms"],
             deadline_ms=p["deadline_ms"], max_centroids=p["max_centroids"],
@@ -89,7 +89,7 @@ class IdentifyNode(Node):
         self._solution = self.create_publisher(DiagnosticArray, "solution", _QUEUE_DEPTH)
 
     def _listen(self) -> None:
-        if self._parameters["use_camera_info"]:
+        if self._settled["use_camera_info"]:
             self._subscribe(CameraInfo, "camera_info", self._on_camera_info)
             self.create_timer(_LOOK_AT_WAITING_S, self._serve_waiting)
         self._subscribe(PointCloud2, "centroids", self._on_centroids)
@@ -115,7 +115,7 @@ class IdentifyNode(Node):
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         try:
-            camera = camera_from_info(message, self._parameters["parity"])
+            camera = camera_from_info(message, self._settled["parity"])
         except MessageError as error:
             self.rejected["camera_info"] += 1
             self.get_logger().error(str(error), throttle_duration_sec=1.0)
@@ -124,7 +124,7 @@ class IdentifyNode(Node):
         self._serve_waiting()
 
     def _on_centroids(self, message: PointCloud2) -> None:
-        if not self._parameters["use_camera_info"]:
+        if not self._settled["use_camera_info"]:
             self._identify(message, self._tracker.camera)
             return
         self._waiting.append((message, time.monotonic()))
@@ -132,7 +132,7 @@ class IdentifyNode(Node):
 
     def _serve_waiting(self) -> None:
         """Identify the frames whose camera is known, in order; give up on waiting in time."""
-        patience = self._parameters["camera_info_wait_ms"] / 1e3
+        patience = self._settled["camera_info_wait_ms"] / 1e3
         while self._waiting:
             message, arrived = self._waiting[0]
             stamp = _nanoseconds(message.header)
@@ -162,7 +162,7 @@ class IdentifyNode(Node):
         solution = self._tracker.solve(centroids.xy_px)
         self._report(solution)
         self._publish(solution, message.header)
-        frame_id = self._parameters["camera_frame"] or message.header.frame_id
+        frame_id = self._settled["camera_frame"] or message.header.frame_id
         header = Header(stamp=message.header.stamp, frame_id=frame_id)
         self._stars.publish(
             cloud_from_identification(
@@ -172,7 +172,7 @@ class IdentifyNode(Node):
 
     def _publish(self, solution: Solution, header: Header) -> None:
         if solution.attitude is not None:
-            reference = Header(stamp=header.stamp, frame_id=self._parameters["reference_frame"])
+            reference = Header(stamp=header.stamp, frame_id=self._settled["reference_frame"])
             self._attitude.publish(quaternion_from_attitude(solution.attitude, reference))
             self._boresight.publish(boresight_from_attitude(solution.attitude, reference))
         self._solution.publish(diagnostics_from_solution(solution, self.get_name(), header))

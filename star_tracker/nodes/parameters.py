@@ -93,7 +93,7 @@ class Parameter:
         if self.choices:
             return f"one of {', '.join(self.choices)}"
         if self.allowed and all(math.isfinite(bound) for bound in self.allowed):
-            return f"{text} from {self.allowed[0]:g} to {self.allowed[1]:g}"
+            return f"{text} from {self.allowed[0]:.10g} to {self.allowed[1]:.10g}"
         return text
 
     def error(self, value: Any) -> ParameterError:
@@ -134,7 +134,7 @@ IDENTIFY_PARAMETERS = (
         (0.0, 1000.0),
     ),
     Parameter(
-        "max_log10_false_alarms", -3.0,
+        "max_log10_false_alarms", -4.0,
         "accept a solution whose log10 of expected false alarms is below", "", (-100.0, 0.0),
     ),
     Parameter("deadline_ms", 200.0, "give up on a frame after this time", "ms", (0.1, 60000.0)),

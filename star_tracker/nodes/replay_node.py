@@ -40,7 +40,7 @@ class ReplayNode(Node):
         except ValueError as error:
             self.destroy_node()
             raise ParameterError(str(error)) from error
-        self._parameters = p
+        self._settled = p
         self._rng = np.random.default_rng(p["seed"])
         self._sent = 0
         qos = QoSProfile(
@@ -56,7 +56,7 @@ class ReplayNode(Node):
 
     def _wait_for_subscriber(self) -> None:
         needed = [self._centroids]
-        if self._parameters["publish_camera_info"]:
+        if self._settled["publish_camera_info"]:
             needed.append(self._infos)
         missing = [p.topic_name for p in needed if p.get_subscription_count() == 0]
         if missing:
@@ -65,31 +65,31 @@ class ReplayNode(Node):
                 throttle_duration_sec=5.0, skip_first=True,
             )
             return
-        self._again_every(1 / self._parameters["rate_hz"], self._send_next)
+        self._again_every(1 / self._settled["rate_hz"], self._send_next)
 
     def _again_every(self, period_s: float, callback: Callable[[], None]) -> None:
         self.destroy_timer(self._timer)
         self._timer = self.create_timer(period_s, callback)
 
     def _send_next(self) -> None:
-        if self._sent >= len(self._maps) and not self._parameters["loop"]:
+        if self._sent >= len(self._maps) and not self._settled["loop"]:
             self._again_every(_LOOK_FOR_SUBSCRIBER_S, self._wait_for_acknowledgement)
             self._give_up = self.get_clock().now() + Duration(seconds=_ACKNOWLEDGE_S)
             return
         star_map = self._maps[self._sent % len(self._maps)]
         header = Header(
-            stamp=self.get_clock().now().to_msg(), frame_id=self._parameters["camera_frame"]
+            stamp=self.get_clock().now().to_msg(), frame_id=self._settled["camera_frame"]
         )
-        if self._parameters["publish_camera_info"]:
+        if self._settled["publish_camera_info"]:
             self._infos.publish(info_from_camera(star_map.camera, header))
         self._centroids.publish(cloud_from_centroids(Centroids(self._observed(star_map)), header))
         self._sent += 1
 
     def _observed(self, star_map: StarMap) -> np.ndarray:
         xy = star_map.xy_px + self._rng.normal(
-            0.0, self._parameters["noise_px"], star_map.xy_px.shape
+            0.0, self._settled["noise_px"], star_map.xy_px.shape
         )
-        return self._rng.permutation(xy) if self._parameters["shuffle"] else xy
+        return self._rng.permutation(xy) if self._settled["shuffle"] else xy
 
     def _wait_for_acknowledgement(self) -> None:
         # A longer wait in one piece would hold up signals: rclpy waits without releasing the GIL.

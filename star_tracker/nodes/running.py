@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
-from rclpy.executors import ExternalShutdownException
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 
@@ -20,15 +20,30 @@ def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) 
     node: Node | None = None
     try:
         rclpy.init(args=args)
+        # Made at once: a signal in the middle of its making would print a traceback of rclpy's.
+        executor = SingleThreadedExecutor()
+    except (RCLError, UnknownROSArgsError) as error:
+        return _refuse(name, error)
+    try:
         node = make()
-        rclpy.spin(node)
+        rclpy.spin(node, executor)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
-    except (ParameterError, RCLError) as error:
-        get_logger(name).fatal(" ".join(str(error).split()))
-        return 2
+    except ParameterError as error:
+        return _refuse(name, error)
+    except RCLError:
+        # A signal during the start takes the context away from under the node's constructor.
+        if rclpy.ok():
+            raise
+        return 0
     finally:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _refuse(name: str, error: Exception) -> int:
+    """Say in one line what cannot be used; return the exit code."""
+    get_logger(name).fatal(" ".join(str(error).split()))
+    return 2

@@ -1,0 +1,126 @@
+"""Which module may import which: the rooms of the design, read from the sources themselves."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+CORE = CHECKOUT / "star_tracker"
+ADAPTERS = CHECKOUT / "msg_adapters"
+
+#: Each module of the core with the modules of the package that it may import.
+ROOMS = {
+    "spherical": set(),
+    "resources": set(),
+    "distortion": {"spherical"},
+    "attitude": {"spherical"},
+    "camera": {"distortion", "spherical"},
+    "catalog": {"resources", "spherical"},
+    "pairs": {"catalog", "spherical"},
+    "database": {"catalog", "pairs"},
+    "field": {"camera", "spherical"},
+    "match_group": {"database", "field", "pairs", "spherical"},
+    "verification": {"attitude", "catalog", "field", "spherical"},
+    "tracker": {
+        "attitude", "camera", "catalog", "database", "field", "match_group", "pairs", "spherical",
+        "verification",
+    },
+    "star_maps": {"attitude", "camera", "catalog", "resources", "spherical"},
+    "attachments": {"camera", "catalog", "spherical", "star_maps"},
+}
+#: What the core may import from elsewhere, beside the standard library.
+LIBRARIES = {"numpy", "scipy"}
+#: An import that only users of the contest's own files need, made when it is needed.
+OPTIONAL = {"attachments": {"xlrd"}}
+ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros", "msg_adapters"}
+
+
+def imports(source):
+    """Return the dotted names that a source imports anywhere, in functions too."""
+    names = set()
+    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{source}: a relative import hides where it goes"
+            module = node.module or ""
+            # `from star_tracker import match_group` imports a module, not a name in one.
+            if module == "star_tracker":
+                names |= {f"{module}.{alias.name}" for alias in node.names}
+            else:
+                names.add(module)
+    return names
+
+
+def rooms_of(names):
+    """Return the modules of the core among dotted names."""
+    return {name.split(".")[1] for name in names if name.startswith("star_tracker.")}
+
+
+def tops_of(names):
+    return {name.split(".")[0] for name in names}
+
+
+def modules(folder):
+    return sorted(folder.glob("*.py"))
+
+
+def named(paths):
+    return pytest.mark.parametrize("source", paths, ids=[path.stem for path in paths])
+
+
+def test_every_module_of_the_core_has_its_room():
+    assert {path.stem for path in modules(CORE)} - {"__init__"} == set(ROOMS)
+
+
+@named([path for path in modules(CORE) if path.stem in ROOMS])
+def test_a_module_imports_only_the_rooms_it_may(source):
+    assert rooms_of(imports(source)) <= ROOMS[source.stem]
+
+
+@named(modules(CORE))
+def test_the_core_imports_no_ros(source):
+    tops = tops_of(imports(source))
+    assert not tops & ROS
+    assert not [name for name in tops if name.endswith(("_msgs", "_interfaces"))]
+
+
+@named(modules(CORE))
+def test_the_core_imports_neither_nodes_nor_adapters(source):
+    names = imports(source)
+    assert "nodes" not in rooms_of(names)
+    assert "msg_adapters" not in tops_of(names)
+
+
+@named(modules(CORE))
+def test_the_core_needs_numpy_and_scipy_only(source):
+    others = tops_of(imports(source)) - sys.stdlib_module_names - {"star_tracker"}
+    assert others <= LIBRARIES | OPTIONAL.get(source.stem, set())
+
+
+@named(modules(ADAPTERS))
+def test_adapters_import_messages_but_not_rclpy_and_no_node(source):
+    names = imports(source)
+    assert "rclpy" not in tops_of(names)
+    assert "nodes" not in rooms_of(names)
+    others = tops_of(names) - sys.stdlib_module_names - {"numpy", "star_tracker", "msg_adapters"}
+    assert all(name.endswith("_msgs") for name in others)
+
+
+def test_the_rooms_have_no_circle():
+    """Each module can be read after those that it imports, and before those that import it."""
+    left = {name: set(needs) for name, needs in ROOMS.items()}
+    while left:
+        ready = {name for name, needs in left.items() if not needs & set(left)}
+        assert ready, f"these import each other: {sorted(left)}"
+        left = {name: needs for name, needs in left.items() if name not in ready}
+
+
+def test_an_optional_library_is_not_imported_with_its_module():
+    """`import star_tracker.attachments` works without xlrd: the import stands in a function."""
+    tree = ast.parse((CORE / "attachments.py").read_text(encoding="utf-8"))
+    at_top = [node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))]
+    names = {alias.name for node in at_top for alias in node.names}
+    assert "xlrd" not in names | {getattr(node, "module", "") for node in at_top}

@@ -1,0 +1,242 @@
+"""Parameters: their checks, their descriptions and the files in config/."""
+
+import re
+from itertools import pairwise
+
+import pytest
+import yaml
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange
+from ros_helpers import open_bench
+
+from star_tracker.nodes.identify_node import IdentifyNode
+from star_tracker.nodes.parameters import (
+    IDENTIFY_PARAMETERS,
+    REPLAY_PARAMETERS,
+    Parameter,
+    ParameterError,
+)
+from star_tracker.nodes.replay_node import ReplayNode
+from star_tracker.resources import resource_path
+
+NODES = {
+    "identify_node": (IdentifyNode, IDENTIFY_PARAMETERS),
+    "replay_node": (ReplayNode, REPLAY_PARAMETERS),
+}
+EVERY_PARAMETER = [
+    pytest.param(parameter, id=f"{node}-{parameter.name}")
+    for node, (_, parameters) in NODES.items() for parameter in parameters
+]
+NUMBER = Parameter("angle_deg", 10.0, "an angle", "deg", (0.5, 120.0))
+WHOLE = Parameter("count", 5, "a number of things", allowed=(1, 10))
+NUMBERS = Parameter("steps_px", (1.0, 2.0), "steps", "px", (0.5, 100.0))
+WHOLES = Parameter("maps", (1, 2), "maps", allowed=(1, 8))
+CHOICE = Parameter("colour", "red", "a colour", choices=("red", "blue"))
+TEXT = Parameter("frame", "icrs", "a frame_id")
+SWITCH = Parameter("loop", False, "again")
+
+
+# ---- the check of one value ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("parameter", "value", "checked"), [
+    (NUMBER, 10.5, 10.5),
+    (NUMBER, 0.5, 0.5),
+    (NUMBER, 120.0, 120.0),
+    (NUMBER, 20, 20.0),
+    (WHOLE, 1, 1),
+    (WHOLE, 10, 10),
+    (NUMBERS, [1.5], (1.5,)),
+    (NUMBERS, [2, 6, 12], (2.0, 6.0, 12.0)),
+    (NUMBERS, (1.0, 3), (1.0, 3.0)),
+    (WHOLES, [8, 1, 8], (8, 1, 8)),
+    (CHOICE, "blue", "blue"),
+    (TEXT, "", ""),
+    (SWITCH, True, True),
+])
+def test_good_value_comes_back_in_the_parameters_type(parameter, value, checked):
+    result = parameter.checked(value)
+    assert result == checked
+    assert type(result) is type(parameter.default)
+    if isinstance(result, tuple):
+        assert {type(item) for item in result} == {type(parameter.default[0])}
+
+
+ANGLE = "it must be a number from 0.5 to 120 deg"
+COUNT = "it must be a whole number from 1 to 10"
+STEPS = "it must be a list, each item a number from 0.5 to 100 px"
+
+
+@pytest.mark.parametrize(("parameter", "value", "text"), [
+    (NUMBER, float("nan"), f"parameter angle_deg is nan: {ANGLE}"),
+    (NUMBER, float("inf"), f"parameter angle_deg is inf: {ANGLE}"),
+    (NUMBER, 0.49, f"parameter angle_deg is 0.49: {ANGLE}"),
+    (NUMBER, 120.01, f"parameter angle_deg is 120.01: {ANGLE}"),
+    (NUMBER, 121, f"parameter angle_deg is 121: {ANGLE}"),
+    (NUMBER, "12", f"parameter angle_deg is '12': {ANGLE}"),
+    (NUMBER, True, f"parameter angle_deg is True: {ANGLE}"),
+    (NUMBER, [12.0], f"parameter angle_deg is [12.0]: {ANGLE}"),
+    (NUMBER, None, f"parameter angle_deg is None: {ANGLE}"),
+    (WHOLE, 0, f"parameter count is 0: {COUNT}"),
+    (WHOLE, 11, f"parameter count is 11: {COUNT}"),
+    (WHOLE, 5.0, f"parameter count is 5.0: {COUNT}"),
+    (WHOLE, True, f"parameter count is True: {COUNT}"),
+    (NUMBERS, [], f"parameter steps_px is []: {STEPS}"),
+    (NUMBERS, 2.0, f"parameter steps_px is 2.0: {STEPS}"),
+    (NUMBERS, "2.0", f"parameter steps_px is '2.0': {STEPS}"),
+    (NUMBERS, [1.0, 0.1], f"parameter steps_px is [1.0, 0.1]: {STEPS}"),
+    (NUMBERS, [1.0, float("nan")], f"parameter steps_px is [1.0, nan]: {STEPS}"),
+    (NUMBERS, ["a"], f"parameter steps_px is ['a']: {STEPS}"),
+    (WHOLES, [1, 9],
+     "parameter maps is [1, 9]: it must be a list, each item a whole number from 1 to 8"),
+    (CHOICE, "green", "parameter colour is 'green': it must be one of red, blue"),
+    (CHOICE, "Red", "parameter colour is 'Red': it must be one of red, blue"),
+    (CHOICE, 3, "parameter colour is 3: it must be one of red, blue"),
+    (TEXT, 3, "parameter frame is 3: it must be a text"),
+    (SWITCH, "true", "parameter loop is 'true': it must be true or false"),
+    (SWITCH, 1, "parameter loop is 1: it must be true or false"),
+])
+def test_bad_value_is_refused_in_one_line_that_names_the_parameter(parameter, value, text):
+    with pytest.raises(ParameterError) as caught:
+        parameter.checked(value)
+    assert str(caught.value) == text
+
+
+# ---- what the nodes declare ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("parameter", EVERY_PARAMETER)
+def test_default_is_allowed(parameter):
+    assert parameter.checked(parameter.default) == parameter.default
+
+
+@pytest.mark.parametrize("parameter", EVERY_PARAMETER)
+def test_description_has_words_and_the_unit(parameter):
+    text = parameter.descriptor().description
+    assert text.startswith(parameter.description)
+    assert len(parameter.description.split()) > 1
+    assert text.endswith(f" [{parameter.unit}]" if parameter.unit else parameter.description)
+
+
+@pytest.mark.parametrize("parameter", EVERY_PARAMETER)
+def test_unit_in_a_name_is_the_unit(parameter):
+    suffix = parameter.name.rpartition("_")[2]
+    units = {"deg": "deg", "px": "px", "ms": "ms", "hz": "Hz", "magnitude": "V mag"}
+    assert parameter.unit == units.get(suffix, parameter.unit)
+
+
+@pytest.mark.parametrize("parameter", EVERY_PARAMETER)
+def test_each_number_has_a_range(parameter):
+    is_list = isinstance(parameter.default, tuple)
+    kind = type(parameter.default[0] if is_list else parameter.default)
+    descriptor = parameter.descriptor()
+    ranges = descriptor.floating_point_range or descriptor.integer_range
+    if kind in (str, bool):
+        assert not ranges
+        return
+    low, high = parameter.allowed
+    words = re.search(r"from (\S+) to (\S+)$", descriptor.additional_constraints)
+    assert (float(words[1]), float(words[2])) == (low, high)
+    if not is_list:  # a list has no range in a descriptor
+        assert type(ranges[0]) is {float: FloatingPointRange, int: IntegerRange}[kind]
+        assert (ranges[0].from_value, ranges[0].to_value) == (low, high)
+
+
+@pytest.mark.parametrize("parameter", EVERY_PARAMETER)
+def test_choices_are_in_the_constraints(parameter):
+    constraints = parameter.descriptor().additional_constraints
+    assert all(choice in constraints for choice in parameter.choices)
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_names_are_unique(node):
+    names = [parameter.name for parameter in NODES[node][1]]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_node_declares_its_parameters_and_refuses_changes(node):
+    make, parameters = NODES[node]
+    with open_bench() as bench:
+        running = bench.start(make)
+        for parameter in parameters:
+            assert running.describe_parameter(parameter.name).read_only
+            same = running.get_parameter(parameter.name)
+            assert not running.set_parameters([same])[0].successful
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_node_runs_with_its_defaults(node):
+    make, parameters = NODES[node]
+    with open_bench() as bench:
+        running = bench.start(make)
+        values = {p.name: p.checked(running.get_parameter(p.name).value) for p in parameters}
+    assert values == {p.name: p.default for p in parameters}
+
+
+# ---- the files in config/ --------------------------------------------------------------------
+
+CONFIGS = ("fov12.yaml", "fov20.yaml")
+
+
+def read_config(name):
+    text = resource_path(f"config/{name}").read_text(encoding="utf-8")
+    return yaml.safe_load(text)["/**"]["ros__parameters"]
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_config_file_has_exactly_the_parameters_of_identify_node(name):
+    assert set(read_config(name)) == {parameter.name for parameter in IDENTIFY_PARAMETERS}
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_config_file_has_only_allowed_values(name):
+    values = read_config(name)
+    for parameter in IDENTIFY_PARAMETERS:
+        parameter.checked(values[parameter.name])
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_config_file_writes_floats_with_a_decimal_point(name):
+    # An integer would do, but a file to copy from should show the type.
+    values = read_config(name)
+    for parameter in IDENTIFY_PARAMETERS:
+        value = values[parameter.name]
+        default, first = parameter.default, value
+        if isinstance(default, tuple):
+            default, first = default[0], value[0]
+        assert type(first) is type(default), parameter.name
+
+
+@pytest.mark.parametrize(("name", "camera"), [
+    ("fov12.yaml", (12.0, 512, 512, "mirrored")),
+    ("fov20.yaml", (20.0, 1024, 1024, "mirrored")),
+])
+def test_config_file_describes_the_papers_camera(name, camera):
+    values = read_config(name)
+    assert tuple(values[n] for n in ("fov_deg", "width_px", "height_px", "parity")) == camera
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_config_file_explains_every_parameter(name):
+    """A comment stands above each parameter or above the group it ends."""
+    text = resource_path(f"config/{name}").read_text(encoding="utf-8")
+    lines = [line.strip() for line in text.splitlines()]
+    explained = {"height_px", "cy_px"}  # by the line above, together with width_px and cx_px
+    for above, line in pairwise(lines):
+        match = re.match(r"(\w+): ", line)
+        if match and (above.startswith("#") or "#" in line):
+            explained.add(match[1])
+    assert explained >= {parameter.name for parameter in IDENTIFY_PARAMETERS}
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_identify_node_starts_with_the_config_file(name):
+    arguments = ["--ros-args", "--params-file", str(resource_path(f"config/{name}"))]
+    with open_bench() as bench:
+        node = bench.start(IdentifyNode, cli_args=arguments)
+        expected = read_config(name)
+        assert {n: _plain(node.get_parameter(n).value) for n in expected} == expected
+
+
+def _plain(value):
+    return value if isinstance(value, (str, bool, int, float)) else list(value)
