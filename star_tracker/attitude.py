@@ -34,7 +34,12 @@ class Attitude:
 
     @classmethod
     def from_rotation(cls, rotation: Floats, covariance_rad2: Floats) -> "Attitude":
-        """Describe the proper rotation matrix (3, 3), camera to ICRS."""
+        """Describe the rotation matrix (3, 3), camera to ICRS.
+
+        Raises ValueError for a matrix that mirrors: its determinant is not +1.
+        """
+        if np.linalg.det(rotation) < 0:
+            raise ValueError("a rotation has determinant +1, this matrix mirrors (determinant -1)")
         quaternion = Rotation.from_matrix(rotation).as_quat()
         if quaternion[3] < 0:
             quaternion = -quaternion

@@ -10,6 +10,8 @@ from rclpy.node import Node
 
 from star_tracker.nodes.parameters import ParameterError
 
+_LONGEST_WAIT_S = 0.5
+
 
 def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Spin the node that `make` returns until it is told to stop; return the exit code.
@@ -26,7 +28,11 @@ def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) 
         return _refuse(name, error)
     try:
         node = make()
-        rclpy.spin(node, executor)
+        executor.add_node(node)
+        # In bounded waits: rclpy's handler of SIGTERM wakes the executor before it shuts the
+        # context down, and an executor that waits again by then would wait for ever.
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=_LONGEST_WAIT_S)
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     except ParameterError as error:
