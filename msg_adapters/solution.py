@@ -3,7 +3,7 @@
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
-from star_tracker.tracker import Solution, Status
+from star_tracker.solution import Solution, Status
 from star_tracker.verification import StarState
 
 

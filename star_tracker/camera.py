@@ -53,7 +53,8 @@ class Camera:
         if self.fx_px <= 0 or self.fy_px <= 0:
             raise ValueError("the focal length must be greater than 0 px")
         low, high = FOV_RANGE_DEG
-        if not low <= self.fov_deg <= high:
+        # Rounded, since the focal length came from the field of view and back again.
+        if not low <= round(self.fov_deg, 9) <= high:
             raise ValueError(
                 f"field of view {self.fov_deg:.4g} deg is outside of {low:g} to {high:g} deg: "
                 "check the focal length and the width of the image"

@@ -10,7 +10,7 @@ from star_tracker.camera import Camera
 from star_tracker.spherical import Floats, position_angle, separation
 
 #: Position angles in the camera are counted from the image's up direction, -y of the frame.
-_CAMERA_POLE = (0.0, -1.0, 0.0)
+CAMERA_POLE = (0.0, -1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -69,5 +69,5 @@ class StarField:
         separations = np.asarray(separation(self.vectors, self.vectors[star]))
         nearest = np.argsort(separations, kind="stable")
         nearest = nearest[nearest != star][:count]
-        angle = position_angle(self.vectors[star], self.vectors[nearest], _CAMERA_POLE)
+        angle = position_angle(self.vectors[star], self.vectors[nearest], CAMERA_POLE)
         return nearest, separations[nearest], angle

@@ -5,7 +5,8 @@ separation within a tolerance (5-5). In the paper each of them raises a state fl
 and the highest flag wins. Here a pair votes for a guide star *and* a roll, the difference of the
 companion's position angles in the catalogue and in the image, so that votes by chance are spread
 over 128 times as many cells and one main star is usually enough. A triangle check (5-6) then keeps
-the members of a winning cell that also agree with each other.
+the members of a winning cell that also agree with each other. `voting="plain"` keeps the paper's
+state flags for comparison.
 """
 
 from collections.abc import Iterator
@@ -33,11 +34,22 @@ class MatchGroupSettings:
         pair_tolerance_px: tolerances of a pair's separation, tried in turn.
         companions: how many of the nearest stars vote for a main star.
         cells: how many of the highest cells of a main star become candidates.
+        voting: `directed`, or `plain` for the paper's state flags.
     """
 
     pair_tolerance_px: tuple[float, ...] = (2.0, 6.0, 12.0)
     companions: int = 20
     cells: int = 3
+    voting: str = "directed"
+
+    def __post_init__(self) -> None:
+        tolerances = self.pair_tolerance_px
+        if not tolerances or not all(0.01 <= t <= 100 for t in tolerances):
+            raise ValueError("pair_tolerance_px needs one or more values from 0.01 to 100")
+        if self.companions < 1 or self.cells < 1:
+            raise ValueError("companions and cells must be at least 1")
+        if self.voting not in _VOTING:
+            raise ValueError(f"voting {self.voting!r} is unknown: use {' or '.join(_VOTING)}")
 
 
 @dataclass(frozen=True)
@@ -72,9 +84,10 @@ def candidates(
             votes = _vote(database, field, int(main), tolerance_rad, settings.companions)
             # Each vote is a hypothesis of its own: a pair matched with a pair fixes the pose.
             n_compared += len(votes.cell)
-            for cell in _highest_cells(votes.cell, settings.cells).tolist():
-                members = _members(database, field, votes, cell, tolerance_rad)
-                yield n_compared, members and Candidate(*members, tolerance_px)
+            for star, chosen in _VOTING[settings.voting](votes, settings.cells):
+                yield n_compared, _candidate(
+                    database, field, votes, (star, chosen), tolerance_px
+                )
             yield n_compared, None
 
 
@@ -93,6 +106,28 @@ def _vote(
     cell = ((coded & -AZIMUTH_UNITS) | roll) >> 1
     voting = counts > 0
     return _Votes(main, companion[voting], start[voting], cell, pair)
+
+
+def _directed(votes: _Votes, count: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Yield the guide star and the votes of each of the highest cells, the highest first."""
+    for cell in _highest_cells(votes.cell, count).tolist():
+        following = int(_next_bin(np.array(cell, np.int32)))
+        yield cell // _ROLL_BINS, np.flatnonzero((votes.cell == cell) | (votes.cell == following))
+
+
+def _plain(votes: _Votes, count: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Yield the guide stars of the highest state flag and their votes (paper, 5.2.5).
+
+    Each companion raises the flag of a guide star once, however many of its pairs agree.
+    """
+    star = votes.cell // _ROLL_BINS
+    raised = np.unique(votes.cast_by(np.arange(len(star))) * np.int64(2**32) + star)
+    flag = np.bincount(raised & (2**32 - 1))
+    for highest in np.flatnonzero(flag == flag.max(initial=2))[:count].tolist():
+        yield highest, np.flatnonzero(star == highest)
+
+
+_VOTING = {"directed": _directed, "plain": _plain}
 
 
 def _highest_cells(cell: NDArray[np.int32], count: int) -> NDArray[np.int32]:
@@ -120,25 +155,25 @@ def _next_bin(cell: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.where(cell & (_ROLL_BINS - 1) == _ROLL_BINS - 1, cell - (_ROLL_BINS - 1), cell + 1)
 
 
-def _members(
-    database: FeatureDatabase, field: StarField, votes: _Votes, cell: int, tolerance_rad: float
-) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
-    """Return the main star and the companions of a cell that pass the triangle check.
-
-    They come as indices into the field and into the catalogue, each (k,).
-    """
-    following = int(_next_bin(np.array(cell, np.int32)))
-    chosen = np.flatnonzero((votes.cell == cell) | (votes.cell == following))
+def _candidate(
+    database: FeatureDatabase,
+    field: StarField,
+    votes: _Votes,
+    won: tuple[int, NDArray[np.intp]],
+    tolerance_px: float,
+) -> Candidate | None:
+    """Return the main star and the companions that won and pass the triangle check, if any do."""
+    star, chosen = won
     observed = votes.cast_by(chosen)
     catalog = database.pairs.companion[votes.pair[chosen]].astype(np.intp)
     agreeing = _triangle_check(
-        field.vectors[observed], database.catalog.vectors[catalog], tolerance_rad
+        field.vectors[observed], database.catalog.vectors[catalog],
+        tolerance_px / field.camera.focal_length_px,
     )
     if len(agreeing) < 2:
         return None
-    return (
-        np.concatenate([[votes.main], observed[agreeing]]),
-        np.concatenate([[cell // _ROLL_BINS], catalog[agreeing]]),
+    return Candidate(
+        np.append(votes.main, observed[agreeing]), np.append(star, catalog[agreeing]), tolerance_px
     )
 
 

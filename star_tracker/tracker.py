@@ -2,24 +2,21 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from enum import Enum
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from star_tracker import match_group
+from star_tracker import match_group, radial_cyclic
 from star_tracker.attitude import Attitude, covariance
 from star_tracker.camera import Camera
 from star_tracker.database import FeatureDatabase
 from star_tracker.field import StarField, Step
-from star_tracker.match_group import MatchGroupSettings
+from star_tracker.solution import METHODS, MIN_STARS, Solution, SolveSettings, Status
 from star_tracker.spherical import Floats
 from star_tracker.verification import Identification, Verified, label, verify
 
-#: Fewer stars than this fit some guide stars by chance too often to be told apart from truth.
-MIN_STARS = 4
 #: A hypothesis this good ends the search. A weaker one that can be accepted first has to hold out
 #: against this many more: a few true stars among 40 can carry a pose that is off by half a degree.
 #: A true sky seen in a mirror reached -2.5 in 1000 fields of 12 deg, so where the parity is not
@@ -29,103 +26,20 @@ _SECOND_LOOK = 10
 _AUTO_PARITY_LEAD = 4.0
 #: A centroid this far outside of the image (in image sizes) cannot have come from it.
 _OUTSIDE_MARGIN = 0.05
-
-
-class Status(Enum):
-    """How a frame ended. Everything but SOLVED comes without an attitude."""
-
-    SOLVED = "SOLVED"
-    TOO_FEW_STARS = "TOO_FEW_STARS"
-    NO_MATCH = "NO_MATCH"
-    AMBIGUOUS = "AMBIGUOUS"
-    TIMEOUT = "TIMEOUT"
-    BAD_INPUT = "BAD_INPUT"
-
-
-@dataclass(frozen=True)
-class SolveSettings:
-    """What the user decides. Raises ValueError for a value out of range, naming it.
-
-    Attributes:
-        match_group: the primary matcher's settings.
-        displaced_gate_px: farthest a displaced star may lie from its place; 0 labels none.
-        max_log10_false_alarms: accept a hypothesis whose log10 false alarms are below this.
-        deadline_ms: give up after this time; infinity never does.
-        max_centroids: refuse a frame with more.
-    """
-
-    match_group: MatchGroupSettings = field(default_factory=MatchGroupSettings)
-    displaced_gate_px: float = 40.0
-    max_log10_false_alarms: float = -4.0
-    deadline_ms: float = 200.0
-    max_centroids: int = 1000
-
-    def __post_init__(self) -> None:
-        tolerances = self.match_group.pair_tolerance_px
-        if not tolerances or not all(0.01 <= t <= 100 for t in tolerances):
-            raise ValueError("pair_tolerance_px needs one or more values from 0.01 to 100")
-        if self.match_group.companions < 1 or self.match_group.cells < 1:
-            raise ValueError("companions and cells must be at least 1")
-        if not 0 <= self.displaced_gate_px <= 1000:
-            raise ValueError("displaced_gate_px must be from 0 to 1000")
-        if not -100 <= self.max_log10_false_alarms <= 0:
-            raise ValueError("max_log10_false_alarms must be from -100 to 0")
-        if not self.deadline_ms > 0:
-            raise ValueError("deadline_ms must be greater than 0")
-        if self.max_centroids < MIN_STARS:
-            raise ValueError(f"max_centroids must be at least {MIN_STARS}")
-
-
-@dataclass(frozen=True)
-class Solution:
-    """What one frame gave.
-
-    Attributes:
-        status: SOLVED or why not; `reason` says it in a sentence.
-        identification: one row for each centroid, also of an unsolved frame.
-        attitude: only where solved.
-        method: the matcher that found the solution, empty where none did.
-        parity: the parity under which it was found, empty where none was.
-        log10_false_alarms: of the best hypothesis, solved or not; infinity where there was none.
-        rms_px: root mean square residual of the identified stars, NaN where unsolved.
-        n_hypotheses: how many hypotheses were compared. Those compared before the best one was
-            found are charged in its false alarms.
-        n_ignored: centroids left out because they are not finite or lie outside of the image.
-        solve_ms: wall-clock time.
-    """
-
-    status: Status
-    reason: str
-    identification: Identification
-    attitude: Attitude | None = None
-    method: str = ""
-    parity: str = ""
-    log10_false_alarms: float = float("inf")
-    rms_px: float = float("nan")
-    n_hypotheses: int = 0
-    n_ignored: int = 0
-    solve_ms: float = 0.0
-
-    @property
-    def wrong_probability(self) -> float:
-        """Estimate of the chance that this solution is a coincidence; 1 where unsolved.
-
-        It takes the expected false alarms for a probability. It has been conservative wherever it
-        was measured (benchmark/false_alarms.py), but it is about unrelated points: of a sky seen
-        with the wrong parity it knows nothing.
-        """
-        if self.status is not Status.SOLVED:
-            return 1.0
-        return float(min(1.0, 10.0**self.log10_false_alarms))
+#: With method auto, the share of the deadline after which the primary makes way for the fallback.
+_PRIMARY_SHARE = 0.5
 
 
 @dataclass
 class _Search:
-    """What the search has found so far: of each parity the best hypothesis and its score.
+    """What one matcher's search has found: of each parity the best hypothesis and its score.
 
-    The score is log10 of the false alarms, with all hypotheses charged that were compared before.
+    The score is log10 of the false alarms, with all hypotheses charged that were compared before,
+    also by the matcher before this one.
     """
 
+    method: str
+    earlier: int
     best: list[Verified | None]
     score: list[float]
     n_compared: list[int]
@@ -141,8 +55,13 @@ class _Search:
 
     @property
     def n_hypotheses(self) -> int:
-        """Hypotheses compared so far, of all parities."""
-        return sum(self.n_compared)
+        """Hypotheses compared so far, of all parities and both matchers."""
+        return self.earlier + sum(self.n_compared)
+
+    @property
+    def winner(self) -> int:
+        """The parity with the best score."""
+        return min(range(len(self.score)), key=self.score.__getitem__)
 
 
 class StarTracker:
@@ -153,7 +72,8 @@ class StarTracker:
         camera: the camera; its parity may be `auto`.
         settings: tolerances, thresholds and limits.
 
-    Raises ValueError where the camera's distortion cannot be inverted over the image.
+    Raises ValueError where the camera's distortion cannot be inverted over the image or the
+    catalogue is too dense for the fallback.
     """
 
     def __init__(
@@ -163,8 +83,13 @@ class StarTracker:
         self.camera = camera
         self.settings = settings or SolveSettings()
         self._cameras = camera.definite()
-        # Refuses a lens that does not reach the corners of the image, before any frame comes.
+        method = self.settings.method
+        self._methods = METHODS if method == "auto" else (method,)
+        # Refuses a lens that does not reach the corners of the image, and a catalogue too dense
+        # for the fallback, before any frame comes.
         _ = camera.radius_rad
+        if "radial_cyclic" in self._methods:
+            _ = database.patterns
 
     def solve(self, xy_px: ArrayLike) -> Solution:
         """Identify centroids (n, 2), pixels, and determine the attitude.
@@ -215,17 +140,26 @@ class StarTracker:
         return None
 
     def _solve(self, xy: Floats, started: float) -> Solution:
-        fields = [StarField.from_pixels(camera, xy) for camera in self._cameras]
-        search = self._search(fields, started + self.settings.deadline_ms / 1e3)
-        chosen = min(range(len(fields)), key=search.score.__getitem__)
-        status, reason = self._judge(search, chosen)
-        verified = search.best[chosen]
-        if status is not Status.SOLVED or verified is None:
-            return Solution(
-                status, reason, Identification.empty(len(xy)),
-                log10_false_alarms=search.score[chosen], n_hypotheses=search.n_hypotheses,
-            )
-        star_field = fields[chosen]
+        """Let the matchers have their turns until one has a solution."""
+        try:
+            fields = [StarField.from_pixels(camera, xy) for camera in self._cameras]
+        except ValueError as error:  # a lens that folds inside of the image
+            return Solution(Status.BAD_INPUT, str(error), Identification.empty(len(xy)))
+        budget = self.settings.deadline_ms / 1e3
+        searches: list[_Search] = []
+        for method in self._methods:
+            last = method == self._methods[-1]
+            deadline = started + (budget if last else _PRIMARY_SHARE * budget)
+            earlier = searches[-1].n_hypotheses if searches else 0
+            searches.append(self._search(method, fields, deadline, earlier))
+            if self._judge(searches[-1]) is Status.SOLVED:
+                return self._solved(fields[searches[-1].winner], searches[-1])
+        return self._unsolved(searches, len(xy))
+
+    def _solved(self, star_field: StarField, search: _Search) -> Solution:
+        """Label the stars of an accepted hypothesis and determine the attitude from them."""
+        verified = search.best[search.winner]
+        assert verified is not None
         identification, rotation = label(
             self.database.catalog, star_field, verified, self.settings.displaced_gate_px
         )
@@ -238,18 +172,40 @@ class StarTracker:
             rotation, covariance(star_field.vectors[identified], sigma_rad)
         )
         return Solution(
-            status, reason, identification, attitude, "match_group",
-            star_field.camera.parity, search.score[chosen],
+            Status.SOLVED, "identified", identification, attitude, search.method,
+            star_field.camera.parity, search.score[search.winner],
             float(np.sqrt(residual2 / len(identified))), search.n_hypotheses,
         )
 
-    def _search(self, fields: list[StarField], deadline: float) -> _Search:
-        """Judge candidates until one is certain, none is left or the time is up."""
+    def _unsolved(self, searches: list[_Search], n: int) -> Solution:
+        """Say why no matcher has a solution: the first reason of this order that holds."""
+        statuses = [self._judge(search) for search in searches]
+        status = next(
+            s for s in (Status.AMBIGUOUS, Status.TIMEOUT, Status.NO_MATCH) if s in statuses
+        )
+        score = min(min(search.score) for search in searches)
+        n_hypotheses = searches[-1].n_hypotheses
+        found = f"the best of {n_hypotheses} hypotheses has log10 false alarms {score:.1f}"
+        reason = {
+            Status.AMBIGUOUS: "the sky and its mirror image fit about as well: "
+            "set parity to normal or mirrored",
+            Status.TIMEOUT: f"deadline {self.settings.deadline_ms:g} ms passed, {found}",
+            Status.NO_MATCH: found,
+        }[status]
+        return Solution(
+            status, reason, Identification.empty(n), log10_false_alarms=score,
+            n_hypotheses=n_hypotheses,
+        )
+
+    def _search(
+        self, method: str, fields: list[StarField], deadline: float, earlier: int
+    ) -> _Search:
+        """Judge one matcher's candidates until one is certain, none is left or time is up."""
         n = len(fields)
-        search = _Search([None] * n, [float("inf")] * n, [0] * n)
+        search = _Search(method, earlier, [None] * n, [float("inf")] * n, [0] * n)
         threshold = self.settings.max_log10_false_alarms
         second_look = 0
-        for parity, (n_compared, candidate) in self._candidates(fields):
+        for parity, (n_compared, candidate) in self._candidates(method, fields):
             search.n_compared[parity] = n_compared
             if candidate is not None:
                 search.judged(parity, verify(self.database.catalog, fields[parity], candidate))
@@ -264,31 +220,35 @@ class StarTracker:
                 return search
         return search
 
-    def _candidates(self, fields: list[StarField]) -> Iterator[tuple[int, Step]]:
-        """Yield (parity, step of its matcher), the parities in turn."""
-        sources = [
-            match_group.candidates(self.database, star_field, self.settings.match_group)
-            for star_field in fields
-        ]
+    def _candidates(self, method: str, fields: list[StarField]) -> Iterator[tuple[int, Step]]:
+        """Yield (parity, step of the matcher), the parities in turn."""
+        settings = self.settings
+        if method == "match_group":
+            sources = [
+                match_group.candidates(self.database, star_field, settings.match_group)
+                for star_field in fields
+            ]
+        else:
+            sources = [
+                radial_cyclic.candidates(self.database, star_field, settings.radial_cyclic)
+                for star_field in fields
+            ]
         for steps in zip_longest(*sources):
             yield from ((parity, step) for parity, step in enumerate(steps) if step is not None)
 
-    def _judge(self, search: _Search, chosen: int) -> tuple[Status, str]:
-        score, n_parities = search.score[chosen], len(search.best)
+    def _judge(self, search: _Search) -> Status:
+        """Return how one matcher's search has ended."""
+        score, n_parities = search.score[search.winner], len(search.score)
         threshold = self.settings.max_log10_false_alarms
         if score < (threshold if n_parities == 1 else min(_CERTAIN, threshold)):
-            return Status.SOLVED, "identified"
-        if score < threshold and not search.timed_out:
-            lead = min(search.score[p] for p in range(n_parities) if p != chosen) - score
-            if lead >= _AUTO_PARITY_LEAD:
-                return Status.SOLVED, "identified"
-            return Status.AMBIGUOUS, (
-                "the sky and its mirror image fit about as well: set parity to normal or mirrored"
-            )
-        found = f"the best of {search.n_hypotheses} hypotheses has log10 false alarms {score:.1f}"
+            return Status.SOLVED
         if search.timed_out:
-            return Status.TIMEOUT, f"deadline {self.settings.deadline_ms:g} ms passed, {found}"
-        return Status.NO_MATCH, found
+            return Status.TIMEOUT
+        if score < threshold:
+            other = min(s for parity, s in enumerate(search.score) if parity != search.winner)
+            lead = other - score
+            return Status.SOLVED if lead >= _AUTO_PARITY_LEAD else Status.AMBIGUOUS
+        return Status.NO_MATCH
 
     def _finish(self, solution: Solution, usable: np.ndarray, started: float) -> Solution:
         """Give every input centroid its row again, and the time taken."""

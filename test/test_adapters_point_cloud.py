@@ -243,8 +243,6 @@ def test_random_layouts_give_arrays_or_a_message_error_and_nothing_else():
         except MessageError:
             n_refused += 1
             continue
-        except Exception as error:
-            pytest.fail(f"{error!r} from {message}")
         n_read += 1
         n = message.width * message.height
         assert centroids.xy_px.shape == (n, 2), message

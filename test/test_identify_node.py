@@ -240,6 +240,9 @@ def test_wrong_parity_gives_no_attitude():
         assert client.unsolved(map_frame(1), good).status == "NO_MATCH"
 
 
+TOLERANCES = "it must be a list, each item a number from 0.01 to 100 px"
+
+
 @pytest.mark.parametrize(("parameters", "text"), [
     ({"catalog": "gaia"}, "parameter catalog is 'gaia': it must be one of paper, hipparcos"),
     ({"fov_deg": 500.0}, "parameter fov_deg is 500.0: it must be a number from 0.5 to 120 deg"),
@@ -252,10 +255,9 @@ def test_wrong_parity_gives_no_attitude():
     ({"width_px": 1}, "parameter width_px is 1: it must be a whole number from 16 to 65536 px"),
     ({"parity": "upside down"},
      "parameter parity is 'upside down': it must be one of normal, mirrored, auto"),
-    ({"pair_tolerance_px": [1.0, float("nan")]}, "parameter pair_tolerance_px is [1.0, nan]: it "
-     "must be a list, each item a number from 0.01 to 100 px"),
-    ({"pair_tolerance_px": []}, "parameter pair_tolerance_px is []: it must be a list, each item "
-     "a number from 0.01 to 100 px"),
+    ({"pair_tolerance_px": [1.0, float("nan")]},
+     f"parameter pair_tolerance_px is [1.0, nan]: {TOLERANCES}"),
+    ({"pair_tolerance_px": []}, f"parameter pair_tolerance_px is []: {TOLERANCES}"),
     ({"use_camera_info": "yes"},
      "parameter use_camera_info is 'yes': it must be true or false"),
 ])
@@ -379,6 +381,7 @@ def test_distortion_of_camera_info_is_undone(info_client):
     Distortion("plumb_bob", (-5.0, 0.0, 0.0, 0.0, 0.0)),
     Distortion("equidistant", (-5.0, 0.0, 0.0, 0.0)),
     Distortion("plumb_bob", (1e30,) * 5),
+    Distortion("plumb_bob", (3.0, 1.0, 1.0, 0.0, -3.0)),  # reaches the corners, but not all inside
 ])
 def test_distortion_that_cannot_be_undone_is_bad_input_and_the_node_goes_on(info_client, lens):
     camera = replace(MAPS[7].camera, distortion=lens)

@@ -457,16 +457,8 @@ def test_a_lens_that_cannot_be_inverted_never_makes_solve_raise(database, edge_p
     ("options", "text"),
     [
         (
-            {"match_group": MatchGroupSettings(pair_tolerance_px=())},
-            "pair_tolerance_px needs one or more values from 0.01 to 100",
-        ),
-        (
-            {"match_group": MatchGroupSettings(pair_tolerance_px=(2.0, 0.0))},
-            "pair_tolerance_px needs one or more values from 0.01 to 100",
-        ),
-        (
-            {"match_group": MatchGroupSettings(pair_tolerance_px=(math.nan,))},
-            "pair_tolerance_px needs one or more values from 0.01 to 100",
+            {"method": "guess"},
+            "method 'guess' is unknown: use auto, match_group, radial_cyclic",
         ),
         ({"displaced_gate_px": -1.0}, "displaced_gate_px must be from 0 to 1000"),
         ({"displaced_gate_px": math.nan}, "displaced_gate_px must be from 0 to 1000"),
@@ -482,11 +474,18 @@ def test_settings_out_of_range_are_refused(options, text):
         SolveSettings(**options)
 
 
+@pytest.mark.parametrize("tolerances", [(), (2.0, 0.0), (math.nan,), (101.0,)])
+def test_pair_tolerances_out_of_range_are_refused(tolerances):
+    text = "^pair_tolerance_px needs one or more values from 0.01 to 100$"
+    with pytest.raises(ValueError, match=text):
+        MatchGroupSettings(pair_tolerance_px=tolerances)
+
+
 @pytest.mark.parametrize("options", [{"companions": 0}, {"companions": -1}, {"cells": 0}])
 def test_a_matcher_that_could_find_nothing_is_refused(options):
     (name,) = options
     with pytest.raises(ValueError, match=name):
-        SolveSettings(match_group=MatchGroupSettings(**options))
+        MatchGroupSettings(**options)
 
 
 def test_settings_at_the_ends_of_their_ranges_are_allowed():

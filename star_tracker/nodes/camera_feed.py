@@ -13,7 +13,8 @@ class CameraFeed:
 
     Two habits are served. Image drivers publish a CameraInfo with each frame, of the same stamp;
     it may arrive after the frame, and taking the one before would be wrong when the camera has
-    changed. Others publish it once; then the newest one that is not younger than the frame holds.
+    changed. Others publish it once, when the node is already there; then the newest one that is
+    not younger than the frame holds.
     """
 
     def __init__(self) -> None:

@@ -26,7 +26,8 @@ from star_tracker.match_group import MatchGroupSettings
 from star_tracker.nodes.camera_feed import CameraFeed
 from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS, ParameterError, declare
 from star_tracker.nodes.running import run
-from star_tracker.tracker import Solution, SolveSettings, StarTracker, Status
+from star_tracker.solution import Solution, SolveSettings, Status
+from star_tracker.tracker import StarTracker
 from star_tracker.verification import Identification
 
 _QUEUE_DEPTH = 50
@@ -63,11 +64,15 @@ class IdentifyNode(Node):
             catalog, max_separation_deg=p["max_separation_deg"]
         )
         self._settings = SolveSettings(
+            method=p["method"],
             match_group=MatchGroupSettings(pair_tolerance_px=p["pair_tolerance_px"]),
             displaced_gate_px=p["displaced_gate_px"],
             max_log10_false_alarms=p["max_log10_false_alarms"],
             deadline_ms=p["deadline_ms"], max_centroids=p["max_centroids"],
         )
+        for name in ("cx_px", "cy_px"):
+            if -1 < p[name] < 0:
+                raise ParameterError(f"parameter {name} is {p[name]:g}: it must be -1 or >= 0 px")
         camera = Camera.from_fov(
             p["fov_deg"], p["width_px"], p["height_px"], parity=p["parity"],
             cx_px=None if p["cx_px"] < 0 else p["cx_px"],

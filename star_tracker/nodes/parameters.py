@@ -17,6 +17,7 @@ from rclpy.node import Node
 from star_tracker.camera import FOV_RANGE_DEG, PARITIES
 from star_tracker.catalog import CATALOGS, EPOCH_RANGE, LIMITING_MAGNITUDE_RANGE
 from star_tracker.database import DEFAULT_MAX_SEPARATION_DEG, MAX_SEPARATION_RANGE_DEG
+from star_tracker.solution import METHODS
 
 
 class ParameterError(ValueError):
@@ -125,6 +126,11 @@ IDENTIFY_PARAMETERS = (
         (0.0, 10000.0),
     ),
     Parameter(
+        "method", "auto",
+        "match_group, radial_cyclic, or auto: the first, then the second as its fallback",
+        choices=("auto", *METHODS),
+    ),
+    Parameter(
         "pair_tolerance_px", (2.0, 6.0, 12.0),
         "tolerances of a star pair's separation, tried in turn", "px", (0.01, 100.0),
     ),
@@ -171,7 +177,10 @@ REPLAY_PARAMETERS = (
     Parameter("noise_px", 0.0, "standard deviation of noise added to x and y", "px", (0.0, 100.0)),
     Parameter("seed", 0, "seed of noise and shuffling", "", (0, 2**31 - 1)),
     Parameter("shuffle", False, "put the centroids of each frame in random order"),
-    Parameter("publish_camera_info", True, "publish camera_info and wait for its subscriber too"),
+    Parameter(
+        "publish_camera_info", True,
+        "publish camera_info too, and wait up to 3 s for its subscriber",
+    ),
     Parameter("camera_frame", "camera", "frame_id of the frames"),
 )
 

@@ -10,6 +10,7 @@ from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Header
 
@@ -22,6 +23,8 @@ from star_tracker.star_maps import StarMap, paper_maps
 #: How long the last frames may take to be acknowledged before the node says that some were not.
 _ACKNOWLEDGE_S = 10.0
 _LOOK_FOR_SUBSCRIBER_S = 0.05
+#: Discovery was seen to take up to 2.4 s.
+_CAMERA_INFO_GRACE_S = 3.0
 
 
 class ReplayNode(Node):
@@ -43,6 +46,7 @@ class ReplayNode(Node):
         self._settled = p
         self._rng = np.random.default_rng(p["seed"])
         self._sent = 0
+        self._found: Time | None = None
         qos = QoSProfile(
             depth=max(50, len(self._maps)), reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.VOLATILE,
@@ -55,16 +59,19 @@ class ReplayNode(Node):
         )
 
     def _wait_for_subscriber(self) -> None:
-        needed = [self._centroids]
-        if self._settled["publish_camera_info"]:
-            needed.append(self._infos)
-        missing = [p.topic_name for p in needed if p.get_subscription_count() == 0]
-        if missing:
+        if self._centroids.get_subscription_count() == 0:
             self.get_logger().info(
-                f"waiting for a subscriber to {', '.join(missing)}",
+                f"waiting for a subscriber to {self._centroids.topic_name}",
                 throttle_duration_sec=5.0, skip_first=True,
             )
             return
+        now = self.get_clock().now()
+        self._found = self._found or now
+        # Who wants both topics is not always discovered on both at once.
+        if self._settled["publish_camera_info"] and self._infos.get_subscription_count() == 0:
+            if now - self._found < Duration(seconds=_CAMERA_INFO_GRACE_S):
+                return
+            self.get_logger().warning("nobody listens to camera_info, starting all the same")
         self._again_every(1 / self._settled["rate_hz"], self._send_next)
 
     def _again_every(self, period_s: float, callback: Callable[[], None]) -> None:

@@ -1,0 +1,103 @@
+"""What the user asks of a frame's solution, and what comes back."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+from star_tracker.attitude import Attitude
+from star_tracker.match_group import MatchGroupSettings
+from star_tracker.radial_cyclic import RadialCyclicSettings
+from star_tracker.verification import Identification
+
+#: The matchers, the primary first.
+METHODS = ("match_group", "radial_cyclic")
+#: Fewer stars than this fit some guide stars by chance too often to be told apart from truth.
+MIN_STARS = 4
+
+
+class Status(Enum):
+    """How a frame ended. Everything but SOLVED comes without an attitude."""
+
+    SOLVED = "SOLVED"
+    TOO_FEW_STARS = "TOO_FEW_STARS"
+    NO_MATCH = "NO_MATCH"
+    AMBIGUOUS = "AMBIGUOUS"
+    TIMEOUT = "TIMEOUT"
+    BAD_INPUT = "BAD_INPUT"
+
+
+@dataclass(frozen=True)
+class SolveSettings:
+    """What the user decides. Raises ValueError for a value out of range, naming it.
+
+    Attributes:
+        method: `match_group`, `radial_cyclic`, or `auto`: the first, then the second.
+        match_group: the primary matcher's settings.
+        radial_cyclic: the fallback's settings.
+        displaced_gate_px: farthest a displaced star may lie from its place; 0 labels none.
+        max_log10_false_alarms: accept a hypothesis whose log10 false alarms are below this.
+        deadline_ms: give up after this time; infinity never does.
+        max_centroids: refuse a frame with more.
+    """
+
+    method: str = "auto"
+    match_group: MatchGroupSettings = field(default_factory=MatchGroupSettings)
+    radial_cyclic: RadialCyclicSettings = field(default_factory=RadialCyclicSettings)
+    displaced_gate_px: float = 40.0
+    max_log10_false_alarms: float = -4.0
+    deadline_ms: float = 200.0
+    max_centroids: int = 1000
+
+    def __post_init__(self) -> None:
+        if self.method != "auto" and self.method not in METHODS:
+            raise ValueError(f"method {self.method!r} is unknown: use auto, {', '.join(METHODS)}")
+        if not 0 <= self.displaced_gate_px <= 1000:
+            raise ValueError("displaced_gate_px must be from 0 to 1000")
+        if not -100 <= self.max_log10_false_alarms <= 0:
+            raise ValueError("max_log10_false_alarms must be from -100 to 0")
+        if not self.deadline_ms > 0:
+            raise ValueError("deadline_ms must be greater than 0")
+        if self.max_centroids < MIN_STARS:
+            raise ValueError(f"max_centroids must be at least {MIN_STARS}")
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What one frame gave.
+
+    Attributes:
+        status: SOLVED or why not; `reason` says it in a sentence.
+        identification: one row for each centroid, also of an unsolved frame.
+        attitude: only where solved.
+        method: the matcher that found the solution, empty where none did.
+        parity: the parity under which it was found, empty where none was.
+        log10_false_alarms: of the best hypothesis, solved or not; infinity where there was none.
+        rms_px: root mean square residual of the identified stars, NaN where unsolved.
+        n_hypotheses: how many hypotheses were compared. Those compared before the best one was
+            found are charged in its false alarms.
+        n_ignored: centroids left out because they are not finite or lie outside of the image.
+        solve_ms: wall-clock time.
+    """
+
+    status: Status
+    reason: str
+    identification: Identification
+    attitude: Attitude | None = None
+    method: str = ""
+    parity: str = ""
+    log10_false_alarms: float = float("inf")
+    rms_px: float = float("nan")
+    n_hypotheses: int = 0
+    n_ignored: int = 0
+    solve_ms: float = 0.0
+
+    @property
+    def wrong_probability(self) -> float:
+        """Estimate of the chance that this solution is a coincidence; 1 where unsolved.
+
+        It takes the expected false alarms for a probability. It has been conservative wherever it
+        was measured (benchmark/false_alarms.py), but it is about unrelated points: of a sky seen
+        with the wrong parity it knows nothing.
+        """
+        if self.status is not Status.SOLVED:
+            return 1.0
+        return float(min(1.0, 10.0**self.log10_false_alarms))
