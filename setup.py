@@ -23,12 +23,13 @@ setup(
         (f"{SHARE}/data/star_maps", sorted(glob("data/star_maps/*.csv"))),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11"],
+    install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "rich>=13"],
     extras_require={"attachments": ["xlrd>=2"], "test": ["pytest<9"]},
     entry_points={
         "console_scripts": [
             "identify_node = star_tracker.nodes.identify_node:main",
             "replay_node = star_tracker.nodes.replay_node:main",
+            "star_tracker = star_tracker.cli:main",
             "star_tracker_demo = star_tracker.nodes.demo:main",
         ],
     },

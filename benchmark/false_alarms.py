@@ -1,8 +1,8 @@
 """The evidence behind `max_log10_false_alarms` and behind what parity `auto` asks for.
 
-`python benchmark/false_alarms.py [--frames N]` counts right and wrong solutions below each
-threshold where they are hardest to tell apart, and prints the best score that noise and a real sky
-seen in a mirror reach in a full search.
+`python benchmark/false_alarms.py [--frames N] [--method M]` counts right and wrong solutions below
+each threshold where they are hardest to tell apart, and prints the best score that noise and a
+real sky seen in a mirror reach in a full search.
 """
 
 import argparse
@@ -17,9 +17,10 @@ import numpy as np
 
 from star_tracker.catalog import StarCatalog
 from star_tracker.database import FeatureDatabase
+from star_tracker.evaluation import CAMERAS, Condition, boresight_error_deg, frames
+from star_tracker.solution import METHODS, SolveSettings, Status
 from star_tracker.star_maps import uniform_noise
-from star_tracker.tracker import SolveSettings, StarTracker, Status
-from benchmark.workload import CAMERAS, Condition, boresight_error_deg, frames
+from star_tracker.tracker import StarTracker
 
 HARDEST = (
     Condition("3 px", 3.0),
@@ -37,11 +38,13 @@ def main() -> int:
     """Print the three tables; the first solution below 0 counts for each frame."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--frames", type=int, default=300, help="frames a condition")
-    n = parser.parse_args().frames
+    parser.add_argument("--method", choices=METHODS, default="match_group")
+    options = parser.parse_args()
+    n, method = options.frames, options.method
     database = FeatureDatabase.build(StarCatalog.paper())
     camera = CAMERAS["12 deg"]
-    anything = SolveSettings(deadline_ms=float("inf"), max_log10_false_alarms=0)
-    nothing = SolveSettings(deadline_ms=float("inf"), max_log10_false_alarms=-100)
+    anything = SolveSettings(method=method, deadline_ms=float("inf"), max_log10_false_alarms=0)
+    nothing = SolveSettings(method=method, deadline_ms=float("inf"), max_log10_false_alarms=-100)
     print(f"12 deg, {n} frames a condition: right / wrong below a threshold of")
     print(f"{'':>34}" + "".join(f"{t:>12}" for t in THRESHOLDS))
     for condition in HARDEST:

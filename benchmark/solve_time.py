@@ -1,7 +1,7 @@
 """Solve time on the eight star maps and the fraction of stars identified.
 
-`make benchmark`, or `python benchmark/solve_time.py [--repeat N]`. CPU time of this process, one
-BLAS thread; every solve starts lost in space.
+`make benchmark`, or `python benchmark/solve_time.py [--repeat N] [--method M]`. CPU time of this
+process, one BLAS thread; every solve starts lost in space.
 """
 
 import argparse
@@ -19,49 +19,44 @@ import scipy
 
 from star_tracker.catalog import StarCatalog
 from star_tracker.database import FeatureDatabase
-from star_tracker.star_maps import StarMap, paper_maps
-from star_tracker.tracker import Status, StarTracker
-
-
-def measure(database: FeatureDatabase, star_map: StarMap, repeat: int) -> tuple[np.ndarray, int]:
-    """Return the CPU times (repeat,) of solving a map, ms, and how many labels are right."""
-    tracker = StarTracker(database, star_map.camera)
-    times = np.empty(repeat)
-    for i in range(-5, repeat):  # the first rounds fill caches and are overwritten
-        started = time.process_time_ns()
-        solution = tracker.solve(star_map.xy_px)
-        times[i] = (time.process_time_ns() - started) / 1e6
-    index = solution.identification.catalog_index
-    numbers = np.where(index >= 0, database.catalog.number[index], 0)
-    right = int((numbers == star_map.star_number).sum())
-    return times, right if solution.status is Status.SOLVED else 0
+from star_tracker.evaluation import score_map
+from star_tracker.solution import METHODS, SolveSettings
+from star_tracker.star_maps import paper_maps
+from star_tracker.tracker import StarTracker
 
 
 def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--repeat", type=int, default=300, help="solves a map")
-    repeat = parser.parse_args().repeat
+    parser.add_argument("--method", choices=("auto", *METHODS), default="auto")
+    options = parser.parse_args()
+    settings = SolveSettings(method=options.method, deadline_ms=float("inf"))
     started = time.perf_counter()
     database = FeatureDatabase.build(StarCatalog.paper())
-    built = time.perf_counter() - started
+    pairs_built = time.perf_counter()
+    n_bytes = database.patterns.packed.nbytes
+    built = time.perf_counter()
     print(
         f"Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}; "
-        f"database of {len(database.catalog)} stars built in {built:.2f} s"
+        f"{len(database.catalog)} stars, pairs built in {pairs_built - started:.2f} s "
+        f"({database.pairs.nbytes / 1e6:.2f} MB), patterns in {built - pairs_built:.2f} s "
+        f"({n_bytes / 1e6:.2f} MB); method {options.method}"
     )
-    print(f"{'map':>6} {'stars':>6} {'right':>6} {'median ms':>10} {'p95 ms':>8}")
-    every, total, right = [], 0, 0
-    for star_map in paper_maps():
-        times, n_right = measure(database, star_map, repeat)
-        every.append(times)
-        total, right = total + len(star_map.labels), right + n_right
-        median, p95 = np.percentile(times, [50, 95])
-        print(
-            f"{star_map.name:>6} {len(star_map.labels):>6} {n_right:>6} "
-            f"{median:>10.2f} {p95:>8.2f}"
+    row = "{:>6} {:>6} {:>6} {:>10} {:>8}".format
+    print(row("map", "stars", "right", "median ms", "p95 ms"))
+    scores = {
+        star_map.name: score_map(
+            StarTracker(database, star_map.camera, settings), star_map, options.repeat
         )
-    median, p95 = np.percentile(np.concatenate(every), [50, 95])
-    print(f"{'all':>6} {total:>6} {right:>6} {median:>10.2f} {p95:>8.2f}")
+        for star_map in paper_maps()
+    }
+    for name, s in scores.items():
+        print(row(name, s.n, s.n_correct, f"{s.median_ms:.2f}", f"{s.p95_ms:.2f}"))
+    every = np.concatenate([s.cpu_ms for s in scores.values()])
+    median, p95 = np.percentile(every, [50, 95])
+    n, right = (sum(getattr(s, key) for s in scores.values()) for key in ("n", "n_correct"))
+    print(row("all", n, right, f"{median:.2f}", f"{p95:.2f}"))
     return 0
 
 

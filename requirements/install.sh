@@ -36,7 +36,7 @@ if [ "$ros" = sourced ]; then site=--system-site-packages; else site=; fi
 if [ "$ros" = sourced ] || [ -n "$constraints" ]; then
     echo "Installing numpy, scipy and pytest ..."
     install "numpy, scipy, pytest, xlrd and setuptools" ${constraints:+-c "$constraints"} \
-        numpy scipy "pytest<9" xlrd PyYAML "setuptools>=70.1,<80" wheel
+        numpy scipy rich "pytest<9" xlrd PyYAML "setuptools>=70.1,<80" wheel
 else
     echo "Installing numpy, scipy and pytest (pinned by hash) ..."
     install "numpy, scipy, pytest, xlrd and setuptools" --require-hashes -r requirements/python.txt

@@ -77,6 +77,11 @@ class PairTable:
         """Number of undirected pairs."""
         return len(self.companion) // 2
 
+    @property
+    def nbytes(self) -> int:
+        """Size of the table in memory, bytes."""
+        return self.separation_rad.nbytes + self.main_azimuth.nbytes + self.companion.nbytes
+
     def ranges(self, low_rad: Floats, high_rad: Floats) -> tuple[NDArray[np.intp], ...]:
         """Return the first and one-past-last row of the pairs between two separations."""
         first = np.searchsorted(self.separation_rad, low_rad.astype(np.float32), "left")

@@ -72,7 +72,10 @@ def candidates(
         observed: list[Pattern] = []
         for main in mains:
             yield n_compared, None
-            observed.append(_observed_pattern(field, main, level.settings))
+            observed.append(star_pattern(
+                field.vectors[main.star], field.vectors[main.neighbour], level.settings,
+                pole=CAMERA_POLE, compensated=settings.similarity == "paper",
+            ))
         similarity = _SIMILARITY[settings.similarity](level, observed)
         ring_rad = level.settings.ring_rad
         n_compared += sum(_n_compared(database, main, ring_rad) for main in mains)
@@ -96,14 +99,6 @@ class _Main:
         neighbour, apart, angle = field.neighbours(star, _MAX_NEIGHBOURS)
         near = apart < radius_rad
         return cls(star, neighbour[near], apart[near], angle[near])
-
-
-def _observed_pattern(field: StarField, main: _Main, settings: PatternSettings) -> Pattern:
-    """Return the raw pattern of an observed star."""
-    return star_pattern(
-        field.vectors[main.star], field.vectors[main.neighbour], settings, pole=CAMERA_POLE,
-        compensated=False,
-    )
 
 
 def _n_compared(database: FeatureDatabase, main: _Main, ring_rad: float) -> int:
@@ -137,7 +132,10 @@ def _likelihood(level: PatternLevel, observed: list[Pattern]) -> Floats:
 
 
 def _printed(level: PatternLevel, observed: list[Pattern]) -> Floats:
-    """Return -f_T (mains, stars), the printed minimum similarity difference (5-11, 5-12)."""
+    """Return -f_T (mains, stars), the printed minimum similarity difference (5-11, 5-12).
+
+    Both sides carry compensation codes.
+    """
     total = np.zeros((len(observed), len(level.radial)))
     for name in ("radial", "companion", "cyclic"):
         bits = np.array([getattr(pattern, name) for pattern in observed], np.float32)

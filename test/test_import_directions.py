@@ -32,11 +32,17 @@ ROOMS = {
     },
     "star_maps": {"attitude", "camera", "catalog", "resources", "spherical"},
     "attachments": {"camera", "catalog", "spherical", "star_maps"},
+    "evaluation": {"camera", "catalog", "solution", "spherical", "star_maps", "tracker"},
+    "compare": {
+        "camera", "catalog", "database", "evaluation", "match_group", "radial_cyclic", "solution",
+        "star_maps", "tracker",
+    },
+    "cli": {"compare"},
 }
 #: What the core may import from elsewhere, beside the standard library.
 LIBRARIES = {"numpy", "scipy"}
-#: An import that only users of the contest's own files need, made when it is needed.
-OPTIONAL = {"attachments": {"xlrd"}}
+#: Imports of single rooms: only for users of the contest's own files, and of the command line.
+OPTIONAL = {"attachments": {"xlrd"}, "compare": {"rich"}}
 ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros", "msg_adapters"}
 
 
