@@ -4,7 +4,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -69,12 +68,22 @@ class FeatureDatabase:
             )
         return PatternTable.build(self.catalog.vectors, self.pattern_settings)
 
+    @cached_property
+    def pattern_pairs(self) -> PairTable:
+        """All pairs up to the patterns' radius, from which their comparisons are counted."""
+        radius = self.pattern_settings.radius_rad
+        if self.pairs.max_separation_rad >= radius:
+            return self.pairs
+        return PairTable.build(self.catalog, radius)
+
     def save_patterns(self, path: Path) -> None:
         """Save the packed patterns with the settings and the catalogue that they belong to."""
-        np.savez(
-            path, format=_FORMAT, catalog=self._fingerprint, packed=self.patterns.packed,
-            settings=[self.pattern_settings.radius_rad, self.pattern_settings.ring_rad],
-        )
+        patterns = self.patterns
+        with path.open("wb") as file:  # given a name, numpy would append .npz to it
+            np.savez(
+                file, format=_FORMAT, catalog=self._fingerprint, packed=patterns.packed,
+                settings=[patterns.settings.radius_rad, patterns.settings.ring_rad],
+            )
 
     def with_patterns(self, path: Path) -> "FeatureDatabase":
         """Return this database with the patterns of a file instead of building them.
@@ -86,14 +95,15 @@ class FeatureDatabase:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
                 form, catalog = str(content["format"]), str(content["catalog"])
                 settings, packed = content["settings"], content["packed"]
-        except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile) as error:
+        except Exception as error:  # the reader raises errors of many kinds for damaged files
             raise ValueError(f"pattern file {path} cannot be read: {error}") from error
         wanted = [self.pattern_settings.radius_rad, self.pattern_settings.ring_rad]
         if form != _FORMAT or packed.dtype != np.uint8 or packed.ndim != 2:
             raise ValueError(f"pattern file {path} has another format: save it again")
         if catalog != self._fingerprint or len(packed) != len(self.catalog):
             raise ValueError(f"pattern file {path} is of another catalogue: save it again")
-        fits = settings.shape == (2,) and np.allclose(settings, wanted, rtol=1e-12, atol=0)
+        fits = settings.shape == (2,) and settings.dtype == np.float64
+        fits = fits and np.allclose(settings, wanted, rtol=1e-12, atol=0)
         if not fits or packed.shape[1] != self.pattern_settings.n_bytes:
             raise ValueError(f"pattern file {path} has other pattern settings: save it again")
         return replace(self, loaded_patterns=PatternTable(self.pattern_settings, packed))

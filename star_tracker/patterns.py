@@ -41,6 +41,8 @@ class PatternSettings:
     def __post_init__(self) -> None:
         if not 0 < self.ring_rad < self.radius_rad < np.pi / 4:
             raise ValueError("pattern rings must be narrower than the radius, that below 45 deg")
+        if abs(self.radius_rad / self.ring_rad - self.n_rings) > 1e-6:
+            raise ValueError("the pattern radius must be a whole number of rings")
 
     @property
     def n_rings(self) -> int:

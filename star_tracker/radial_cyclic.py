@@ -67,7 +67,7 @@ def candidates(
     for star in field.from_centre[: settings.mains].tolist():
         yield n_compared, None
         mains.append(_Main.of(field, star, radius_rad))
-    for factor in settings.ring_factors:
+    for factor in settings.ring_factors if mains else ():
         level = database.patterns.level(factor)
         observed: list[Pattern] = []
         for main in mains:
@@ -108,7 +108,7 @@ def _n_compared(database: FeatureDatabase, main: _Main, ring_rad: float) -> int:
     is one: together they fix a pose. The patterns compare all of them at once.
     """
     apart = main.separation_rad
-    first, last = database.pairs.ranges(apart - ring_rad, apart + ring_rad)
+    first, last = database.pattern_pairs.ranges(apart - ring_rad, apart + ring_rad)
     return int((last - first).sum())
 
 

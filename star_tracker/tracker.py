@@ -49,7 +49,7 @@ class _Search:
         """Keep a judged hypothesis if it is the parity's best; charge all compared so far."""
         if verified is None:
             return
-        score = verified.log10_false_alarms + float(np.log10(self.n_hypotheses))
+        score = verified.log10_false_alarms + float(np.log10(max(1, self.n_hypotheses)))
         if score < self.score[parity]:
             self.best[parity], self.score[parity] = verified, score
 
@@ -72,8 +72,8 @@ class StarTracker:
         camera: the camera; its parity may be `auto`.
         settings: tolerances, thresholds and limits.
 
-    Raises ValueError where the camera's distortion cannot be inverted over the image or the
-    catalogue is too dense for the fallback.
+    Raises ValueError where the camera's distortion cannot be inverted over the image, the
+    catalogue is too dense for the fallback or its ring factors do not divide the rings.
     """
 
     def __init__(
@@ -85,11 +85,12 @@ class StarTracker:
         self._cameras = camera.definite()
         method = self.settings.method
         self._methods = METHODS if method == "auto" else (method,)
-        # Refuses a lens that does not reach the corners of the image, and a catalogue too dense
-        # for the fallback, before any frame comes.
+        # Refuses what cannot work before any frame comes, and builds the fallback's patterns.
         _ = camera.radius_rad
         if "radial_cyclic" in self._methods:
-            _ = database.patterns
+            for factor in self.settings.radial_cyclic.ring_factors:
+                database.patterns.level(factor)
+            _ = database.pattern_pairs
 
     def solve(self, xy_px: ArrayLike) -> Solution:
         """Identify centroids (n, 2), pixels, and determine the attitude.
