@@ -19,9 +19,10 @@ from star_tracker.verification import Identification, Verified, label, verify
 
 #: A hypothesis this good ends the search. A weaker one that can be accepted first has to hold out
 #: against this many more: a few true stars among 40 can carry a pose that is off by half a degree.
-#: A true sky seen in a mirror reached -2.5 in 1000 fields of 12 deg, so where the parity is not
-#: known a weaker one needs a lead over the other parity after a full search of both.
-_CERTAIN = -6.0
+#: A true sky seen in a mirror reached -3.3 in 400 fields of 12 deg and -5.0 in 400 of 20 deg, so
+#: where the parity is not known a weaker one needs a lead over the other parity after a full
+#: search of both (benchmark/false_alarms.py).
+_CERTAIN = -8.0
 _SECOND_LOOK = 10
 _AUTO_PARITY_LEAD = 4.0
 #: A centroid this far outside of the image (in image sizes) cannot have come from it.
