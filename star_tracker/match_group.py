@@ -22,8 +22,6 @@ from star_tracker.spherical import Floats, separation
 
 #: 128 roll bins of 2.8 deg; a cell is two adjacent bins, so that no roll falls between bins.
 _ROLL_BINS = AZIMUTH_UNITS // 2
-#: The highest cells are looked for among about this many votes of the highest score.
-_PROMISING_VOTES = 100
 
 
 @dataclass(frozen=True)
@@ -111,7 +109,7 @@ def _vote(
 def _directed(votes: _Votes, count: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
     """Yield the guide star and the votes of each of the highest cells, the highest first."""
     for cell in _highest_cells(votes.cell, count).tolist():
-        following = int(_next_bin(np.array(cell, np.int32)))
+        following = int(_turned(np.array(cell, np.int32), 1))
         yield cell // _ROLL_BINS, np.flatnonzero((votes.cell == cell) | (votes.cell == following))
 
 
@@ -133,26 +131,34 @@ _VOTING = {"directed": _directed, "plain": _plain}
 def _highest_cells(cell: NDArray[np.int32], count: int) -> NDArray[np.int32]:
     """Return up to `count` cells with the most votes in themselves and the next roll bin.
 
-    A cell with fewer than two votes cannot form a triangle and is left out. Only the cells that
-    were voted for are looked at; sorting the votes instead takes four times as long.
+    A cell with fewer than two votes cannot form a triangle and is left out. Of three or more votes
+    in two bins one bin has two, so only such bins and those before them are looked at, unless they
+    are too few: sorting or scoring all votes takes several times as long.
     """
     if len(cell) == 0:
         return cell
-    votes = np.bincount(cell, minlength=int(cell.max()) + 2)
-    score = votes[cell] + votes[_next_bin(cell)]
-    # Scores are small integers with many ties, on which a partition is slow: count them instead.
-    at_least = np.cumsum(np.bincount(score)[::-1])[::-1]
-    enough = np.flatnonzero(at_least >= _PROMISING_VOTES)
-    threshold = max(2, int(enough[-1]) if len(enough) else 0)
-    promising = np.flatnonzero(score >= threshold)
-    unique, first = np.unique(cell[promising], return_index=True)
-    best = np.argsort(-score[promising[first]], kind="stable")
-    return unique[best[:count]]
+    votes = np.bincount(cell, minlength=int(cell.max()) + _ROLL_BINS)
+    heavy = cell[votes.take(cell) >= 2]
+    pool = _distinct(np.concatenate([heavy, _turned(heavy, -1)]))
+    if len(pool) < count:
+        pool = _distinct(cell)
+    score = votes[pool] + votes[_turned(pool, 1)]
+    best = np.argsort(-score, kind="stable")[:count]
+    return pool[best[score[best] >= 2]]
 
 
-def _next_bin(cell: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the cells of the same guide stars with the next roll bin, the last bin's is bin 0."""
-    return np.where(cell & (_ROLL_BINS - 1) == _ROLL_BINS - 1, cell - (_ROLL_BINS - 1), cell + 1)
+def _distinct(cell: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return cells in ascending order, each once: five times as fast as `numpy.unique`."""
+    ordered = np.sort(cell)
+    first = np.ones(len(ordered), np.bool_)
+    first[1:] = ordered[1:] != ordered[:-1]
+    return np.asarray(ordered[first])
+
+
+def _turned(cell: NDArray[np.int32], bins: int) -> NDArray[np.int32]:
+    """Return the cells of the same guide stars some roll bins farther, round the circle."""
+    turned = (cell + np.int32(bins)) & (_ROLL_BINS - 1)
+    return np.asarray((cell & -_ROLL_BINS) | turned)
 
 
 def _candidate(
