@@ -26,6 +26,12 @@ PARITIES = ("normal", "mirrored", "auto")
 FOV_RANGE_DEG = (0.5, 120.0)
 
 
+def vectors_of_plane(points: Floats) -> Floats:
+    """Return unit vectors (n, 3) for normalised coordinates X/Z, Y/Z (n, 2)."""
+    vectors = np.column_stack([points, np.ones(len(points))])
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
 @dataclass(frozen=True)
 class Camera:
     """A camera's intrinsics, in pixels. Raises ValueError for values no camera can have."""
@@ -139,9 +145,7 @@ class Camera:
 
     def vectors(self, xy_px: ArrayLike) -> Floats:
         """Return unit vectors (n, 3) in the optical frame for pixels (n, 2)."""
-        points = self.plane(xy_px)
-        vectors = np.column_stack([points, np.ones(len(points))])
-        return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+        return vectors_of_plane(self.plane(xy_px))
 
     def pixels(self, vectors: ArrayLike) -> Floats:
         """Return pixels (n, 2) for vectors (n, 3) of the optical frame.

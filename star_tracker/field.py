@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.camera import Camera
+from star_tracker.camera import Camera, vectors_of_plane
 from star_tracker.spherical import Floats, position_angle, separation
 
 #: Position angles in the camera are counted from the image's up direction, -y of the frame.
@@ -52,9 +52,7 @@ class StarField:
     def from_pixels(cls, camera: Camera, xy_px: Floats) -> "StarField":
         """Convert centroids (n, 2), pixels, which must be finite."""
         plane = camera.plane(xy_px)
-        vectors = np.column_stack([plane, np.ones(len(plane))])
-        vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
-        return cls(camera, vectors, plane * camera.focal_length_px)
+        return cls(camera, vectors_of_plane(plane), plane * camera.focal_length_px)
 
     def __len__(self) -> int:
         return len(self.vectors)

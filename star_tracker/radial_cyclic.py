@@ -19,7 +19,6 @@ from star_tracker.field import CAMERA_POLE, Candidate, StarField, Step
 from star_tracker.patterns import Pattern, PatternLevel, PatternSettings, star_pattern
 from star_tracker.spherical import Floats, position_angle, separation
 
-SIMILARITIES = ("likelihood", "paper")
 #: Chance that an observed neighbour is a true star in its right ring.
 _TRUE_BIT = 0.5
 #: An observed star's nearest neighbours up to this number make its pattern. Only a frame full of
@@ -76,7 +75,7 @@ def candidates(
                 field.vectors[main.star], field.vectors[main.neighbour], level.settings,
                 pole=CAMERA_POLE, compensated=settings.similarity == "paper",
             ))
-        similarity = _SIMILARITY[settings.similarity](level, observed)
+        similarity = SIMILARITIES[settings.similarity](level, observed)
         ring_rad = level.settings.ring_rad
         n_compared += sum(_n_compared(database, main, ring_rad) for main in mains)
         for row, star in _most_similar(similarity, settings.matches):
@@ -144,7 +143,8 @@ def _printed(level: PatternLevel, observed: list[Pattern]) -> Floats:
     return total
 
 
-_SIMILARITY = {"likelihood": _likelihood, "paper": _printed}
+#: How the patterns are compared, by name.
+SIMILARITIES = {"likelihood": _likelihood, "paper": _printed}
 
 
 def _most_similar(similarity: Floats, count: int) -> list[tuple[int, int]]:

@@ -247,7 +247,7 @@ def test_the_printed_similarity_by_hand():
         [[1, 1, 1, 1, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0, 0]],
     )
     observed = pattern_of([1, 1, 0, 1], [1, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0, 1])
-    similarity = radial_cyclic._SIMILARITY["paper"](level, [observed])
+    similarity = radial_cyclic.SIMILARITIES["paper"](level, [observed])
     np.testing.assert_array_equal(similarity, [[-11.0, 0.0]])
 
 
@@ -258,7 +258,7 @@ def test_the_likelihood_by_hand():
     """
     level = level_of([[1, 1, 0, 0]], [[1, 1, 0, 0]], [[0] * 8])
     observed = pattern_of([1, 1, 1, 0], [0, 0, 0, 0], [1] * 8)
-    similarity = radial_cyclic._SIMILARITY["likelihood"](level, [observed])
+    similarity = radial_cyclic.SIMILARITIES["likelihood"](level, [observed])
     np.testing.assert_allclose(similarity, [[2 * math.log(1.5) - math.log(2)]], rtol=1e-6)
 
 
@@ -267,7 +267,7 @@ def test_the_likelihood_of_empty_and_of_full_patterns_is_finite(fill):
     level = level_of([[fill] * 4], [[fill] * 4], [[fill] * 8])
     for bit in (0, 1):
         observed = pattern_of([bit] * 4, [bit] * 4, [bit] * 8)
-        similarity = radial_cyclic._SIMILARITY["likelihood"](level, [observed])
+        similarity = radial_cyclic.SIMILARITIES["likelihood"](level, [observed])
         assert np.isfinite(similarity).all()
 
 
@@ -290,7 +290,7 @@ def ranks_of_thinned_fields(database):
                 field.vectors[main], field.vectors[near], level.settings, pole=CAMERA_POLE,
                 compensated=name == "paper",
             )
-            similarity = radial_cyclic._SIMILARITY[name](level, [observed])[0]
+            similarity = radial_cyclic.SIMILARITIES[name](level, [observed])[0]
             ranks.append(np.count_nonzero(similarity > similarity[truth[main]]))
     return found
 

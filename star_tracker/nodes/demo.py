@@ -24,11 +24,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import Header
 
 from msg_adapters.attitude import array_from_boresight
 from msg_adapters.point_cloud import stars_from_cloud
 from msg_adapters.solution import values_from_diagnostics
+from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.resources import resource_path
 from star_tracker.spherical import Floats, separation, unit_vectors
 from star_tracker.star_maps import StarMap, paper_maps
@@ -142,15 +142,15 @@ class Collector(Node):
             self.connected.set_result(True)
 
     def _on_solution(self, message: DiagnosticArray) -> None:
-        self._values[_stamp(message.header)] = values_from_diagnostics(message)
+        self._values[nanoseconds_from_header(message.header)] = values_from_diagnostics(message)
         self._look()
 
     def _on_stars(self, message: PointCloud2) -> None:
-        self._stars[_stamp(message.header)] = stars_from_cloud(message)
+        self._stars[nanoseconds_from_header(message.header)] = stars_from_cloud(message)
         self._look()
 
     def _on_boresight(self, message: Vector3Stamped) -> None:
-        self._boresight[_stamp(message.header)] = array_from_boresight(message)
+        self._boresight[nanoseconds_from_header(message.header)] = array_from_boresight(message)
         self._look()
 
     def _look(self) -> None:
@@ -158,10 +158,6 @@ class Collector(Node):
         finished = len(self.results) >= self._expected and solved <= set(self._boresight)
         if finished and not self.complete.done():
             self.complete.set_result(True)
-
-
-def _stamp(header: Header) -> int:
-    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
 def collect(folder: Path | None, rate_hz: float) -> list[Result]:

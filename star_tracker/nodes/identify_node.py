@@ -19,6 +19,7 @@ from msg_adapters.attitude import boresight_from_attitude, quaternion_from_attit
 from msg_adapters.camera_info import camera_from_info
 from msg_adapters.point_cloud import centroids_from_cloud, cloud_from_identification
 from msg_adapters.solution import diagnostics_from_solution
+from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.camera import Camera
 from star_tracker.catalog import StarCatalog
 from star_tracker.database import FeatureDatabase
@@ -125,7 +126,7 @@ class IdentifyNode(Node):
             self.rejected["camera_info"] += 1
             self.get_logger().error(str(error), throttle_duration_sec=1.0)
             return
-        self._feed.announce(_nanoseconds(message.header), camera)
+        self._feed.announce(nanoseconds_from_header(message.header), camera)
         self._serve_waiting()
 
     def _on_centroids(self, message: PointCloud2) -> None:
@@ -140,7 +141,7 @@ class IdentifyNode(Node):
         patience = self._settled["camera_info_wait_ms"] / 1e3
         while self._waiting:
             message, arrived = self._waiting[0]
-            stamp = _nanoseconds(message.header)
+            stamp = nanoseconds_from_header(message.header)
             camera = self._feed.settled(stamp)
             if camera is None:
                 if time.monotonic() - arrived < patience:
@@ -200,10 +201,6 @@ class IdentifyNode(Node):
         self.get_logger().error(reason, throttle_duration_sec=1.0)
         nothing = Identification.empty(0)
         self._publish(Solution(Status.BAD_INPUT, reason, nothing), header)
-
-
-def _nanoseconds(header: Header) -> int:
-    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
 
 
 def main(args: Sequence[str] | None = None) -> int:
