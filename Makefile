@@ -31,8 +31,9 @@ data: $(ready)
 	$(python) data/build_catalog.py
 	$(python) data/build_star_maps.py
 
-benchmark: $(ready)
-	$(python) benchmark/solve_time.py
+# Against other star identifiers, in a few minutes; ARGS=--full takes about ten times as long.
+benchmark: $(ready)-benchmark
+	$(python) benchmark/peers_benchmark.py $(ARGS)
 
 $(ready): requirements/python.txt requirements/ros.txt requirements/install.sh setup.py $(CONSTRAINTS)
 	sh requirements/install.sh "$(PYTHON)" "$(VENV)" "$(ros)" "$(CONSTRAINTS)"
@@ -40,6 +41,10 @@ $(ready): requirements/python.txt requirements/ros.txt requirements/install.sh s
 
 $(ready)-lint: requirements/lint.txt $(ready)
 	sh requirements/install.sh --lint "$(VENV)"
+	touch $@
+
+$(ready)-benchmark: requirements/benchmark.txt $(ready)
+	sh requirements/install.sh --benchmark "$(VENV)"
 	touch $@
 
 clean:

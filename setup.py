@@ -23,8 +23,15 @@ setup(
         (f"{SHARE}/data/star_maps", sorted(glob("data/star_maps/*.csv"))),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "rich>=13"],
-    extras_require={"attachments": ["xlrd>=2"], "test": ["pytest<9"]},
+    install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "numba>=0.58", "rich>=13"],
+    extras_require={
+        "attachments": ["xlrd>=2"],
+        # ruststartracker needs typing-extensions without saying so.
+        "benchmark": [
+            "tetra3rs>=0.14", "ruststartracker>=0.2.10", "typing-extensions", "matplotlib>=3.8",
+        ],
+        "test": ["pytest<9", "hypothesis"],
+    },
     entry_points={
         "console_scripts": [
             "identify_node = star_tracker.nodes.identify_node:main",

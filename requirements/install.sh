@@ -2,6 +2,7 @@
 # Makes the virtual environment that the Makefile runs everything in.
 #   install.sh PYTHON VENV sourced|wheels [CONSTRAINTS]   what the package and its tests need
 #   install.sh --lint VENV                                what `make lint` needs, on top
+#   install.sh --benchmark VENV                           what `make benchmark` needs, on top
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -23,6 +24,15 @@ if [ "$1" = --lint ]; then
     exit 0
 fi
 
+if [ "$1" = --benchmark ]; then
+    venv=$2
+    echo "Installing the star identifiers to compare with (pinned by hash; 100 MB) ..."
+    # Without dependencies: one peer asks for an older numpy than it needs, see benchmark.in.
+    install "tetra3rs, ruststartracker and matplotlib" \
+        --no-deps --require-hashes -r requirements/benchmark.txt
+    exit 0
+fi
+
 python=$1 venv=$2 ros=$3 constraints=${4:-}
 
 "$python" -c 'import sys; sys.exit(sys.version_info < (3, 10))' ||
@@ -34,12 +44,12 @@ if [ "$ros" = sourced ]; then site=--system-site-packages; else site=; fi
     fail "$python cannot make a virtual environment: apt install python3-venv"
 
 if [ "$ros" = sourced ] || [ -n "$constraints" ]; then
-    echo "Installing numpy, scipy and pytest ..."
-    install "numpy, scipy, pytest, xlrd and setuptools" ${constraints:+-c "$constraints"} \
-        numpy scipy rich "pytest<9" xlrd PyYAML "setuptools>=70.1,<80" wheel
+    echo "Installing numpy, scipy, numba and pytest ..."
+    install "numpy, scipy, numba, pytest, xlrd and setuptools" ${constraints:+-c "$constraints"} \
+        numpy scipy numba rich "pytest<9" hypothesis xlrd PyYAML "setuptools>=70.1,<80" wheel
 else
-    echo "Installing numpy, scipy and pytest (pinned by hash) ..."
-    install "numpy, scipy, pytest, xlrd and setuptools" --require-hashes -r requirements/python.txt
+    echo "Installing numpy, scipy, numba and pytest (pinned by hash) ..."
+    install "numpy, scipy, numba, pytest, xlrd and setuptools" --require-hashes -r requirements/python.txt
 fi
 if [ "$ros" = wheels ]; then
     echo "Installing ROS 2 Jazzy's rclpy and common_interfaces (pinned by hash) ..."

@@ -2,21 +2,22 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
 from star_tracker.catalog import StarCatalog
+from star_tracker.feature_file import Features, identity, load_features, save_features
 from star_tracker.pairs import PairTable
 from star_tracker.patterns import PatternSettings, PatternTable
+from star_tracker.resources import cache_folder, sources_digest
+from star_tracker.sky_index import SkyIndex
 
 #: The paper keeps pairs to 12 deg (5.2.4.1): enough for the nearest companions in any wider field.
 DEFAULT_MAX_SEPARATION_DEG = 12.0
 MAX_SEPARATION_RANGE_DEG = (0.5, 30.0)
 #: Denser catalogues set nearly every bit of the patterns, which then tell nothing.
 MAX_PATTERN_STARS = 15_000
-_FORMAT = "star_tracker patterns, format 1"
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,14 @@ class FeatureDatabase:
         pairs: the primary matcher's pair table.
         pattern_settings: geometry of the fallback's patterns.
         loaded_patterns: patterns out of a file; None = build them.
+        cache_note: one line on a cache file that could not be read or saved; mostly empty.
     """
 
     catalog: StarCatalog
     pairs: PairTable
     pattern_settings: PatternSettings = field(default_factory=PatternSettings)
     loaded_patterns: PatternTable | None = None
+    cache_note: str = ""
 
     @classmethod
     def build(
@@ -48,13 +51,55 @@ class FeatureDatabase:
         The patterns follow at their first use, in another 0.4 s. Raises ValueError for a
         separation out of range or too many pairs.
         """
-        low, high = MAX_SEPARATION_RANGE_DEG
-        if not low <= max_separation_deg <= high:
-            raise ValueError(
-                f"max_separation_deg {max_separation_deg:g} is outside of {low:g} to {high:g}"
-            )
-        pairs = PairTable.build(catalog, float(np.radians(max_separation_deg)))
+        pairs = PairTable.build(catalog, _separation_rad(max_separation_deg))
         return cls(catalog, pairs, pattern_settings or PatternSettings())
+
+    @classmethod
+    def cached(
+        cls,
+        catalog: StarCatalog,
+        *,
+        max_separation_deg: float = DEFAULT_MAX_SEPARATION_DEG,
+        pattern_settings: PatternSettings | None = None,
+        folder: Path | None = None,
+    ) -> "FeatureDatabase":
+        """Return what `build` returns, patterns included, out of a file where there is one.
+
+        The file lies in `folder`, by default the package's cache folder, and is made where it is
+        missing; one that cannot be used is made again. What went wrong with it is told by
+        `cache_note`. Raises ValueError as `build`.
+        """
+        settings = pattern_settings or PatternSettings()
+        name = identity(catalog, _separation_rad(max_separation_deg), settings, sources_digest())
+        dense = len(catalog) > MAX_PATTERN_STARS
+        where = cache_folder() if folder is None else folder
+        path = None if where is None else where / f"features-{name[:16]}.npz"
+        notes = [] if path else ["there is no home for a cache of the features"]
+        if path is not None:
+            try:
+                found = load_features(path, name, len(catalog), settings)
+                return cls(catalog, found.pairs, settings, None if dense else found.patterns)
+            except FileNotFoundError:
+                pass
+            except ValueError as error:
+                notes.append(f"feature file {path} {error}; it is built again")
+        database = cls.build(
+            catalog, max_separation_deg=max_separation_deg, pattern_settings=settings
+        )
+        features = Features(database.pairs, None if dense else database.patterns)
+        if path is not None:
+            try:
+                save_features(path, name, features)
+            except OSError as error:
+                notes.append(f"feature file {path} cannot be saved: {error.strerror or error}")
+        return replace(
+            database, loaded_patterns=features.patterns, cache_note="; ".join(notes)
+        )
+
+    @cached_property
+    def sky_index(self) -> SkyIndex:
+        """The guide stars by place on the sky."""
+        return SkyIndex.build(self.catalog.vectors)
 
     @cached_property
     def patterns(self) -> PatternTable:
@@ -76,41 +121,11 @@ class FeatureDatabase:
             return self.pairs
         return PairTable.build(self.catalog, radius)
 
-    def save_patterns(self, path: Path) -> None:
-        """Save the packed patterns with the settings and the catalogue that they belong to."""
-        patterns = self.patterns
-        with path.open("wb") as file:  # given a name, numpy would append .npz to it
-            np.savez(
-                file, format=_FORMAT, catalog=self._fingerprint, packed=patterns.packed,
-                settings=[patterns.settings.radius_rad, patterns.settings.ring_rad],
-            )
 
-    def with_patterns(self, path: Path) -> "FeatureDatabase":
-        """Return this database with the patterns of a file instead of building them.
-
-        Raises ValueError with the file's name where it is damaged or was built from another
-        catalogue or with other settings.
-        """
-        try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-                form, catalog = str(content["format"]), str(content["catalog"])
-                settings, packed = content["settings"], content["packed"]
-        except Exception as error:  # the reader raises errors of many kinds for damaged files
-            raise ValueError(f"pattern file {path} cannot be read: {error}") from error
-        wanted = [self.pattern_settings.radius_rad, self.pattern_settings.ring_rad]
-        if form != _FORMAT or packed.dtype != np.uint8 or packed.ndim != 2:
-            raise ValueError(f"pattern file {path} has another format: save it again")
-        if catalog != self._fingerprint or len(packed) != len(self.catalog):
-            raise ValueError(f"pattern file {path} is of another catalogue: save it again")
-        fits = settings.shape == (2,) and settings.dtype == np.float64
-        fits = fits and np.allclose(settings, wanted, rtol=1e-12, atol=0)
-        if not fits or packed.shape[1] != self.pattern_settings.n_bytes:
-            raise ValueError(f"pattern file {path} has other pattern settings: save it again")
-        return replace(self, loaded_patterns=PatternTable(self.pattern_settings, packed))
-
-    @property
-    def _fingerprint(self) -> str:
-        """Names the catalogue: its stars, their order and positions to 1e-6 rad."""
-        digest = sha256(self.catalog.hip.tobytes() + self.catalog.number.tobytes())
-        digest.update(np.round(self.catalog.vectors * 1e6).astype(np.int64).tobytes())
-        return digest.hexdigest()
+def _separation_rad(max_separation_deg: float) -> float:
+    low, high = MAX_SEPARATION_RANGE_DEG
+    if not low <= max_separation_deg <= high:
+        raise ValueError(
+            f"max_separation_deg {max_separation_deg:g} is outside of {low:g} to {high:g}"
+        )
+    return float(np.radians(max_separation_deg))

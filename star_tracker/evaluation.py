@@ -33,6 +33,11 @@ class Condition:
     missing: float = 0.0
     false_stars: float = 0.0
 
+    @property
+    def short_name(self) -> str:
+        """What stands before the colon of the name, for narrow tables."""
+        return self.name.split(":")[0]
+
     def correct_deg(self, camera: Camera) -> float:
         """Return the boresight error up to which a solution is correct."""
         noise_deg = float(np.degrees(self.noise_px / camera.focal_length_px))
@@ -43,14 +48,16 @@ CONDITIONS = (
     Condition("clean", 0.0),
     Condition("0.5 px", 0.5),
     Condition("1 px", 1.0),
+    Condition("2 px", 2.0),
     Condition("3 px", 3.0),
     Condition("5 px", 5.0),
-    Condition("m40: 0.5 px, 40 % missing", 0.5, 0.4),
-    Condition("m60: 0.5 px, 60 % missing", 0.5, 0.6),
-    Condition("f100: 0.5 px, 100 % false", 0.5, 0.0, 1.0),
-    Condition("f200: 0.5 px, 200 % false", 0.5, 0.0, 2.0),
+    Condition("m40: 40 % missing", 0.0, 0.4),
+    Condition("m60: 60 % missing", 0.0, 0.6),
+    Condition("f100: 100 % false", 0.0, 0.0, 1.0),
+    Condition("f200: 200 % false", 0.0, 0.0, 2.0),
     Condition("comb: 0.5 px, 20 % missing, 50 % false", 0.5, 0.2, 0.5),
     Condition("hard: 1 px, 40 % missing, 100 % false", 1.0, 0.4, 1.0),
+    Condition("sparse: 0.5 px, 60 % missing", 0.5, 0.6),
 )
 
 
@@ -103,12 +110,16 @@ def frames(
         )
 
 
+def boresight_angle_deg(found: Floats, true: Floats) -> float:
+    """Return the angle between the boresights of two rotations (3, 3), camera to ICRS, degrees."""
+    return float(np.degrees(separation(found[:, 2], true[:, 2])))
+
+
 def boresight_error_deg(solution: Solution, frame: SyntheticField) -> float:
     """Return the angle between the true and the found boresight, degrees; NaN if unsolved."""
     if solution.attitude is None:
         return float("nan")
-    found = solution.attitude.rotation[:, 2]
-    return float(np.degrees(separation(found, frame.rotation[:, 2])))
+    return boresight_angle_deg(solution.attitude.rotation, frame.rotation)
 
 
 def timed_solve(tracker: StarTracker, xy_px: Floats) -> tuple[Solution, float]:

@@ -4,24 +4,26 @@ For a main star each observed pair (main, companion) selects the guide-star pair
 separation within a tolerance (5-5). In the paper each of them raises a state flag on its stars
 and the highest flag wins. Here a pair votes for a guide star *and* a roll, the difference of the
 companion's position angles in the catalogue and in the image, so that votes by chance are spread
-over 128 times as many cells and one main star is usually enough. A triangle check (5-6) then keeps
-the members of a winning cell that also agree with each other. `voting="plain"` keeps the paper's
-state flags for comparison.
+over 64 times as many cells and one main star is usually enough (`votes.py`). A triangle check
+(5-6) then keeps the members of a winning cell that also agree with each other. `voting="plain"`
+keeps the paper's state flags for comparison.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.database import FeatureDatabase
-from star_tracker.field import Candidate, StarField, Step
-from star_tracker.pairs import AZIMUTH_UNITS, azimuth_units
-from star_tracker.spherical import Floats, separation
+from star_tracker.compiled import compiled
+from star_tracker.field import Frame
+from star_tracker.pairs import AZIMUTH_UNITS, PairTable, first_near
+from star_tracker.spherical import Floats
+from star_tracker.votes import ROLL_BINS, ROLL_BITS, ROLL_SHIFT, Votes, count_of
 
-#: 128 roll bins of 2.8 deg; a cell is two adjacent bins, so that no roll falls between bins.
-_ROLL_BINS = AZIMUTH_UNITS // 2
+#: Most members of a cell that are looked at.
+MEMBERS = 64
+VOTINGS = ("directed", "plain")
+MOST_COMPANIONS = 40
 
 
 @dataclass(frozen=True)
@@ -31,172 +33,159 @@ class MatchGroupSettings:
     Attributes:
         pair_tolerance_px: tolerances of a pair's separation, tried in turn.
         companions: how many of the nearest stars vote for a main star.
-        cells: how many of the highest cells of a main star become candidates.
+        cells: how many of the highest cells of a main star become candidates, at the most.
+        quick: whether a short search, enough for most frames, comes before the full one.
         voting: `directed`, or `plain` for the paper's state flags.
     """
 
     pair_tolerance_px: tuple[float, ...] = (2.0, 6.0, 12.0)
     companions: int = 20
-    cells: int = 3
+    cells: int = 48
+    quick: bool = True
     voting: str = "directed"
 
     def __post_init__(self) -> None:
         tolerances = self.pair_tolerance_px
         if not tolerances or not all(0.01 <= t <= 100 for t in tolerances):
             raise ValueError("pair_tolerance_px needs one or more values from 0.01 to 100")
-        if self.companions < 1 or self.cells < 1:
-            raise ValueError("companions and cells must be at least 1")
-        if self.voting not in _VOTING:
-            raise ValueError(f"voting {self.voting!r} is unknown: use {' or '.join(_VOTING)}")
+        if not 1 <= self.companions <= MOST_COMPANIONS or self.cells < 1:
+            raise ValueError(
+                f"companions must be from 1 to {MOST_COMPANIONS} and cells at least 1"
+            )
+        if self.voting not in VOTINGS:
+            raise ValueError(f"voting {self.voting!r} is unknown: use {' or '.join(VOTINGS)}")
+
+    @property
+    def levels(self) -> Floats:
+        """The search as an array (levels, 4): tolerance in px, companions, main stars, batch.
+
+        The companions of a batch vote before their best cells are judged. The short search was
+        chosen for the median time over noise, missing and false stars (benchmark/RESULTS.md).
+        """
+        first, second = self.pair_tolerance_px[0], self.pair_tolerance_px[:2][-1]
+        quick = [(first, 6, 2, 3), (first, 16, 5, 16), (second, 12, 3, 12)]
+        full = [(t, self.companions, np.inf, self.companions) for t in self.pair_tolerance_px]
+        return np.array(quick * self.quick + full)
 
 
-@dataclass(frozen=True)
-class _Votes:
-    """The votes for one main star: `cell[i]` was voted for by the guide-star pair `pair[i]`.
+@compiled
+def best_cells(
+    votes: Votes, begin: int, end: int, cells: NDArray[np.int64], scores: NDArray[np.int64]
+) -> int:
+    """Write the highest of the cells begin to end of `reached`; return how many were written.
 
-    The votes of `companion[j]` begin at `start[j]`.
+    The highest comes first; `cells` and `scores` have room for as many as are wanted.
+
+    A vote counts in two cells: of adjacent ones only the higher is taken.
     """
-
-    main: int
-    companion: NDArray[np.intp]
-    start: NDArray[np.intp]
-    cell: NDArray[np.int32]
-    pair: NDArray[np.intp]
-
-    def cast_by(self, vote: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the observed companions that cast some votes."""
-        return self.companion[np.searchsorted(self.start, vote, "right") - 1]
-
-
-def candidates(
-    database: FeatureDatabase, field: StarField, settings: MatchGroupSettings
-) -> Iterator[Step]:
-    """Yield the candidates of one main star after the other, the most promising first.
-
-    There is also a step for each cell that fails the triangle check and after each main star.
-    """
-    n_compared = 0
-    for tolerance_px in settings.pair_tolerance_px:
-        tolerance_rad = tolerance_px / field.camera.focal_length_px
-        for main in field.from_centre:
-            votes = _vote(database, field, int(main), tolerance_rad, settings.companions)
-            # Each vote is a hypothesis of its own: a pair matched with a pair fixes the pose.
-            n_compared += len(votes.cell)
-            for star, chosen in _VOTING[settings.voting](votes, settings.cells):
-                yield n_compared, _candidate(
-                    database, field, votes, (star, chosen), tolerance_px
-                )
-            yield n_compared, None
+    n, most = 0, len(cells)
+    for i in range(begin, end):
+        cell = votes.reached[i]
+        score, star, roll = count_of(votes, cell), cell >> ROLL_BITS, cell & (ROLL_BINS - 1)
+        beaten, j = False, 0
+        while j < n and not beaten:
+            apart = (roll - cells[j]) & (ROLL_BINS - 1)
+            adjacent = apart == 1 or apart == ROLL_BINS - 1
+            if cells[j] >> ROLL_BITS != star or not adjacent:
+                j += 1
+            elif score <= scores[j]:
+                beaten = True
+            else:  # the adjacent one goes
+                n -= 1
+                for m in range(j, n):
+                    cells[m], scores[m] = cells[m + 1], scores[m + 1]
+        at = n
+        while at > 0 and scores[at - 1] < score:
+            at -= 1
+        if beaten or at == most:
+            continue
+        n = min(n + 1, most)
+        for m in range(n - 1, at, -1):
+            cells[m], scores[m] = cells[m - 1], scores[m - 1]
+        cells[at], scores[at] = cell, score
+    return n
 
 
-def _vote(
-    database: FeatureDatabase, field: StarField, main: int, tolerance_rad: float, count: int
-) -> _Votes:
-    """Let each companion vote for the cells (guide star * 128 + roll bin) of its pairs."""
-    companion, separations, angle = field.neighbours(main, count)
-    first, last = database.pairs.ranges(separations - tolerance_rad, separations + tolerance_rad)
-    counts = last - first
-    start = np.cumsum(counts) - counts
-    pair = np.arange(counts.sum()) + np.repeat(first - start, counts)
-    coded = database.pairs.main_azimuth[pair]
-    observed = np.repeat(azimuth_units(angle), counts)
-    roll = (coded - observed) & (AZIMUTH_UNITS - 1)
-    cell = ((coded & -AZIMUTH_UNITS) | roll) >> 1
-    voting = counts > 0
-    return _Votes(main, companion[voting], start[voting], cell, pair)
+@compiled
+def members(
+    pairs: PairTable,
+    votes: Votes,
+    n_companions: int,
+    cell: int,
+    tolerance_rad: float,
+    plain: bool,
+    observed: NDArray[np.int64],
+    catalog: NDArray[np.int64],
+) -> int:
+    """Write the matches that voted for a cell, at most 64; return their number."""
+    star, roll = cell >> ROLL_BITS, cell & (ROLL_BINS - 1)
+    n = 0
+    for i in range(n_companions):
+        row = first_near(pairs, star, votes.separation[i] - tolerance_rad)
+        farthest = np.float32(votes.separation[i] + tolerance_rad)
+        while row < pairs.near_start[star + 1] and pairs.near_separation_rad[row] < farthest:
+            turned = (pairs.near_azimuth[row] - votes.azimuth[i]) & (AZIMUTH_UNITS - 1)
+            before = (roll - (turned >> ROLL_SHIFT)) & (ROLL_BINS - 1)
+            if (plain or before <= 1) and n < MEMBERS:
+                observed[n], catalog[n] = votes.companion[i], pairs.near_companion[row]
+                n += 1
+            row += 1
+    return n
 
 
-def _directed(votes: _Votes, count: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield the guide star and the votes of each of the highest cells, the highest first."""
-    for cell in _highest_cells(votes.cell, count).tolist():
-        following = int(_turned(np.array(cell, np.int32), 1))
-        yield cell // _ROLL_BINS, np.flatnonzero((votes.cell == cell) | (votes.cell == following))
-
-
-def _plain(votes: _Votes, count: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Yield the guide stars of the highest state flag and their votes (paper, 5.2.5).
-
-    Each companion raises the flag of a guide star once, however many of its pairs agree.
-    """
-    star = votes.cell // _ROLL_BINS
-    raised = np.unique(votes.cast_by(np.arange(len(star))) * np.int64(2**32) + star)
-    flag = np.bincount(raised & (2**32 - 1))
-    for highest in np.flatnonzero(flag == flag.max(initial=2))[:count].tolist():
-        yield highest, np.flatnonzero(star == highest)
-
-
-_VOTING = {"directed": _directed, "plain": _plain}
-
-
-def _highest_cells(cell: NDArray[np.int32], count: int) -> NDArray[np.int32]:
-    """Return up to `count` cells with the most votes in themselves and the next roll bin.
-
-    A cell with fewer than two votes cannot form a triangle and is left out. Of three or more votes
-    in two bins one bin has two, so only such bins and those before them are looked at, unless they
-    are too few: sorting or scoring all votes takes several times as long.
-    """
-    if len(cell) == 0:
-        return cell
-    votes = np.bincount(cell, minlength=int(cell.max()) + _ROLL_BINS)
-    heavy = cell[votes.take(cell) >= 2]
-    pool = _distinct(np.concatenate([heavy, _turned(heavy, -1)]))
-    if len(pool) < count:
-        pool = _distinct(cell)
-    score = votes[pool] + votes[_turned(pool, 1)]
-    best = np.argsort(-score, kind="stable")[:count]
-    return pool[best[score[best] >= 2]]
-
-
-def _distinct(cell: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return cells in ascending order, each once: five times as fast as `numpy.unique`."""
-    ordered = np.sort(cell)
-    first = np.ones(len(ordered), np.bool_)
-    first[1:] = ordered[1:] != ordered[:-1]
-    return np.asarray(ordered[first])
-
-
-def _turned(cell: NDArray[np.int32], bins: int) -> NDArray[np.int32]:
-    """Return the cells of the same guide stars some roll bins farther, round the circle."""
-    turned = (cell + np.int32(bins)) & (_ROLL_BINS - 1)
-    return np.asarray((cell & -_ROLL_BINS) | turned)
-
-
-def _candidate(
-    database: FeatureDatabase,
-    field: StarField,
-    votes: _Votes,
-    won: tuple[int, NDArray[np.intp]],
-    tolerance_px: float,
-) -> Candidate | None:
-    """Return the main star and the companions that won and pass the triangle check, if any do."""
-    star, chosen = won
-    observed = votes.cast_by(chosen)
-    catalog = database.pairs.companion[votes.pair[chosen]].astype(np.intp)
-    agreeing = _triangle_check(
-        field.vectors[observed], database.catalog.vectors[catalog],
-        tolerance_px / field.camera.focal_length_px,
-    )
-    if len(agreeing) < 2:
-        return None
-    return Candidate(
-        np.append(votes.main, observed[agreeing]), np.append(star, catalog[agreeing]), tolerance_px
-    )
-
-
-def _triangle_check(observed: Floats, catalog: Floats, tolerance_rad: float) -> NDArray[np.intp]:
-    """Return the members (k, 3), (k, 3) whose mutual separations agree with the best member's.
+@compiled
+def triangle_check(
+    frame: Frame,
+    vectors: Floats,
+    observed: NDArray[np.int64],
+    catalog: NDArray[np.int64],
+    n: int,
+    tolerance_rad: float,
+) -> int:
+    """Keep the members whose mutual separations agree with the best member's; return how many.
 
     Two members close a triangle with the main star when their separation in the image and in the
-    catalogue agree too (5-6). The member with the most partners is kept with those partners.
-    A pair of equal stars has separation 0 on one side only and so never agrees, unless two
-    members name the same star twice over, which the one-to-one association resolves later.
+    catalogue agree too (5-6). The member with the most partners is kept with those partners; 0 is
+    returned where no two agree. A star that is a member twice over does not agree with itself,
+    as its separation is 0 on one side only.
     """
-    in_image = separation(observed[:, None], observed[None])
-    in_catalog = separation(catalog[:, None], catalog[None])
-    agrees = np.abs(in_image - in_catalog) <= tolerance_rad
-    np.fill_diagonal(agrees, False)
-    partners = agrees.sum(axis=1)
-    hub = int(np.argmax(partners))
-    if partners[hub] == 0:
-        return np.empty(0, np.intp)
-    return np.concatenate([[hub], np.flatnonzero(agrees[hub])])
+    hub, most = 0, 0
+    for i in range(n):
+        partners = 0
+        for j in range(n):
+            partners += i != j and _agree(frame, vectors, observed, catalog, i, j, tolerance_rad)
+        if partners > most:
+            hub, most = i, partners
+    if most == 0:
+        return 0
+    k = 0
+    hub_observed, hub_catalog = observed[hub], catalog[hub]
+    for i in range(n):
+        chord = _chord(frame.vectors, hub_observed, observed[i])
+        agrees = abs(chord - _chord(vectors, hub_catalog, catalog[i])) <= tolerance_rad
+        if i == hub or agrees:
+            observed[k], catalog[k] = observed[i], catalog[i]
+            k += 1
+    return k
+
+
+@compiled
+def _agree(
+    frame: Frame,
+    vectors: Floats,
+    observed: NDArray[np.int64],
+    catalog: NDArray[np.int64],
+    i: int,
+    j: int,
+    tolerance_rad: float,
+) -> bool:
+    in_image = _chord(frame.vectors, observed[i], observed[j])
+    return abs(in_image - _chord(vectors, catalog[i], catalog[j])) <= tolerance_rad
+
+
+@compiled
+def _chord(vectors: Floats, i: int, j: int) -> float:
+    """Return the chord between two unit vectors: for stars of one field as good as the angle."""
+    a, b = vectors[i], vectors[j]
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return np.sqrt(x * x + y * y + z * z)

@@ -13,6 +13,7 @@ bit too. One function makes the patterns of the catalogue and of the image.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from star_tracker.spherical import Floats, chord, position_angle, separation
 SECTORS = 8
 #: Thresholds of the compensation code: fractions of a ring (5.3.3).
 COMPENSATION = (0.3, 0.7)
+#: Chance that an observed neighbour is a true star in its right ring.
+_TRUE_BIT = 0.5
 Bits = NDArray[np.bool_]
 
 
@@ -118,7 +121,7 @@ def _bits(values: Floats, n: int, *, compensated: bool, cyclic: bool = False) ->
     return bits
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PatternLevel:
     """All guide stars' patterns at one width of ring, ready for matrix products.
 
@@ -132,6 +135,24 @@ class PatternLevel:
     radial: NDArray[np.float32]
     companion: NDArray[np.float32]
     cyclic: NDArray[np.float32]
+
+    @cached_property
+    def log_likelihoods(self) -> dict[str, tuple[Floats, Floats]]:
+        """What an observed bit that matches, and one that does not, says for each star.
+
+        That is the log likelihood ratio of "it is this star", in which case a bit is a true
+        neighbour's with probability 1/2, against "it is any other", in which case a bit matches
+        with the fraction of the star's bits that are set; two arrays (n,) for the radial and for
+        the companion bits.
+        """
+        result = {}
+        for name in ("radial", "companion"):
+            stars = getattr(self, name)
+            margin = 0.5 / stars.shape[1]
+            fill = np.clip(stars.mean(axis=1), margin, 1 - margin)
+            hit = _TRUE_BIT + (1 - _TRUE_BIT) * fill
+            result[name] = (np.log(hit / fill), np.log((1 - hit) / (1 - fill)))
+        return result
 
 
 class PatternTable:

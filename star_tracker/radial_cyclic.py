@@ -19,8 +19,6 @@ from star_tracker.field import CAMERA_POLE, Candidate, StarField, Step
 from star_tracker.patterns import Pattern, PatternLevel, PatternSettings, star_pattern
 from star_tracker.spherical import Floats, position_angle, separation
 
-#: Chance that an observed neighbour is a true star in its right ring.
-_TRUE_BIT = 0.5
 #: An observed star's nearest neighbours up to this number make its pattern. Only a frame full of
 #: false stars has more; their pairs would set every bit, and take time that grows with the square.
 _MAX_NEIGHBOURS = 60
@@ -68,14 +66,16 @@ def candidates(
         mains.append(_Main.of(field, star, radius_rad))
     for factor in settings.ring_factors if mains else ():
         level = database.patterns.level(factor)
-        observed: list[Pattern] = []
+        rows: list[Floats] = []
         for main in mains:
             yield n_compared, None
-            observed.append(star_pattern(
+            pattern = star_pattern(
                 field.vectors[main.star], field.vectors[main.neighbour], level.settings,
                 pole=CAMERA_POLE, compensated=settings.similarity == "paper",
-            ))
-        similarity = SIMILARITIES[settings.similarity](level, observed)
+            )
+            rows.append(SIMILARITIES[settings.similarity](level, [pattern]))
+        yield n_compared, None
+        similarity = np.concatenate(rows)
         ring_rad = level.settings.ring_rad
         n_compared += sum(_n_compared(database, main, ring_rad) for main in mains)
         for row, star in _most_similar(similarity, settings.matches):
@@ -118,15 +118,10 @@ def _likelihood(level: PatternLevel, observed: list[Pattern]) -> Floats:
     matches by chance, with the fraction of the guide star's bits that are set.
     """
     total = np.zeros((len(observed), len(level.radial)))
-    for name in ("radial", "companion"):
+    for name, (hit, missed) in level.log_likelihoods.items():
         bits = np.array([getattr(pattern, name) for pattern in observed], np.float32)
-        stars = getattr(level, name)
-        matching = bits @ stars.T
-        margin = 0.5 / stars.shape[1]
-        fill = np.clip(stars.mean(axis=1), margin, 1 - margin)
-        hit = _TRUE_BIT + (1 - _TRUE_BIT) * fill
-        missed = bits.sum(axis=1)[:, None] - matching
-        total += matching * np.log(hit / fill) + missed * np.log((1 - hit) / (1 - fill))
+        matching = bits @ getattr(level, name).T
+        total += matching * hit + (bits.sum(axis=1)[:, None] - matching) * missed
     return total
 
 

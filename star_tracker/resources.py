@@ -1,5 +1,8 @@
-"""Where the package's own data and configuration lie, in every way of installing it."""
+"""Where the package's own files lie, in every way of installing it, and where it may cache."""
 
+import os
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 
 _PACKAGE = "star_tracker"
@@ -26,3 +29,24 @@ def resource_path(name: str) -> Path:
         f"{name} of the package {_PACKAGE} was not found below {searched}: "
         "the installation is incomplete, install the package again"
     )
+
+
+def cache_folder() -> Path | None:
+    """Return the folder of what can be made again, None for a user without a home.
+
+    It lies below XDG_CACHE_HOME, or else below the home's `.cache`, and need not exist.
+    """
+    named = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return (Path(named) if named else Path.home() / ".cache") / _PACKAGE
+    except RuntimeError:  # no home
+        return None
+
+
+@cache
+def sources_digest() -> str:
+    """Name all sources of this package: what is cached under it was made by exactly these."""
+    digest = sha256()
+    for source in sorted(Path(__file__).resolve().parent.glob("*.py")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]

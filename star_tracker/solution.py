@@ -4,14 +4,13 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from star_tracker.attitude import Attitude
+from star_tracker.labels import Identification
 from star_tracker.match_group import MatchGroupSettings
+from star_tracker.path import LOST_IN_SPACE, MIN_STARS
 from star_tracker.radial_cyclic import RadialCyclicSettings
-from star_tracker.verification import Identification
 
 #: The matchers, the primary first.
 METHODS = ("match_group", "radial_cyclic")
-#: Fewer stars than this fit some guide stars by chance too often to be told apart from truth.
-MIN_STARS = 4
 
 
 class Status(Enum):
@@ -33,6 +32,8 @@ class SolveSettings:
         method: `match_group`, `radial_cyclic`, or `auto`: the first, then the second.
         match_group: the primary matcher's settings.
         radial_cyclic: the fallback's settings.
+        centroid_sigma_px: standard deviation of a centroid along each axis, where it is known;
+            0 = find out from each frame. A known noise makes weak evidence a little stronger.
         displaced_gate_px: farthest a displaced star may lie from its place; 0 labels none.
         max_log10_false_alarms: accept a hypothesis whose log10 false alarms are below this.
         deadline_ms: give up after this time; infinity never does.
@@ -42,14 +43,17 @@ class SolveSettings:
     method: str = "auto"
     match_group: MatchGroupSettings = field(default_factory=MatchGroupSettings)
     radial_cyclic: RadialCyclicSettings = field(default_factory=RadialCyclicSettings)
+    centroid_sigma_px: float = 0.0
     displaced_gate_px: float = 40.0
-    max_log10_false_alarms: float = -4.0
+    max_log10_false_alarms: float = -3.0
     deadline_ms: float = 200.0
     max_centroids: int = 1000
 
     def __post_init__(self) -> None:
         if self.method != "auto" and self.method not in METHODS:
             raise ValueError(f"method {self.method!r} is unknown: use auto, {', '.join(METHODS)}")
+        if not 0 <= self.centroid_sigma_px <= 100:
+            raise ValueError("centroid_sigma_px must be from 0 to 100")
         if not 0 <= self.displaced_gate_px <= 1000:
             raise ValueError("displaced_gate_px must be from 0 to 1000")
         if not -100 <= self.max_log10_false_alarms <= 0:
@@ -70,12 +74,17 @@ class Solution:
         attitude: only where solved.
         method: the matcher that found the solution, empty where none did.
         parity: the parity under which it was found, empty where none was.
+        wrong_probability: that the identification is wrong, where frames that show the sky and
+            frames that do not are equally likely; 1 where unsolved. It compares the best pose's
+            evidence with that of all others seen and of none. Of a camera that is not as told, a
+            wrong field of view above all, it knows nothing.
         log10_false_alarms: of the best hypothesis, solved or not; infinity where there was none.
+            That many frames of unrelated points, at the most, would look as good.
         rms_px: root mean square residual of the identified stars, NaN where unsolved.
-        n_hypotheses: how many hypotheses were compared. Those compared before the best one was
-            found are charged in its false alarms.
+        n_hypotheses: how many hypotheses were compared.
         n_ignored: centroids left out because they are not finite or lie outside of the image.
         solve_ms: wall-clock time.
+        mode: `lost_in_space`, or `tracking` where a predicted attitude led to the solution.
     """
 
     status: Status
@@ -84,20 +93,10 @@ class Solution:
     attitude: Attitude | None = None
     method: str = ""
     parity: str = ""
+    wrong_probability: float = 1.0
     log10_false_alarms: float = float("inf")
     rms_px: float = float("nan")
     n_hypotheses: int = 0
     n_ignored: int = 0
     solve_ms: float = 0.0
-
-    @property
-    def wrong_probability(self) -> float:
-        """Estimate of the chance that this solution is a coincidence; 1 where unsolved.
-
-        It takes the expected false alarms for a probability. It has been conservative wherever it
-        was measured (benchmark/false_alarms.py), but it is about unrelated points: of a sky seen
-        with the wrong parity it knows nothing.
-        """
-        if self.status is not Status.SOLVED:
-            return 1.0
-        return float(min(1.0, 10.0**self.log10_false_alarms))
+    mode: str = LOST_IN_SPACE

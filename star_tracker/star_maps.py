@@ -22,6 +22,8 @@ PAPER_MAPS = (1, 2, 3, 4, 5, 6, 7, 8)
 _COLUMNS = ("label", "x_px", "y_px", "star_number", "displaced_px")
 _CAMERA_KEYS = ("width_px", "height_px", "fov_deg", "cx_px", "cy_px", "parity")
 _POSE_KEYS = ("ra_deg", "dec_deg", "roll_deg")
+#: Standard deviation of a simulated brightness, magnitudes.
+_MAGNITUDE_NOISE = 0.1
 
 
 @dataclass(frozen=True)
@@ -175,11 +177,19 @@ def _pose(path: Path, keys: dict[str, str]) -> Pose | None:
 
 @dataclass(frozen=True)
 class SyntheticField:
-    """A simulated frame: centroids (n, 2), the true catalogue index of each (-1 = false star)."""
+    """A simulated frame.
+
+    Attributes:
+        xy_px: (n, 2) centroids.
+        catalog_index: (n,) the true catalogue index of each, -1 = false star.
+        rotation: the true attitude.
+        v_mag: (n,) measured V magnitudes, for identifiers that make use of brightness.
+    """
 
     xy_px: Floats
     catalog_index: NDArray[np.int64]
     rotation: Floats
+    v_mag: Floats
 
 
 def visible_stars(
@@ -210,17 +220,29 @@ def synthetic_field(
         rotation: the true attitude.
         rng: source of all chance.
         noise_px: standard deviation of a centroid along each axis.
-        missing: fraction of the stars that are not seen, each dropped independently.
+        missing: fraction of the stars that are not seen, rounded to a whole number of them.
         false_stars: number of false stars as a fraction of the number of true stars in the field.
     """
     index, pixels = visible_stars(catalog, camera, rotation)
     n_false = round(false_stars * len(index))
-    seen = rng.random(len(index)) >= missing
-    xy = pixels[seen] + rng.normal(0.0, noise_px, (int(seen.sum()), 2))
+    seen = np.sort(rng.permutation(len(index))[round(missing * len(index)) :])
+    xy = pixels[seen] + rng.normal(0.0, noise_px, (len(seen), 2))
     false = uniform_noise(camera, n_false, rng)
     order = rng.permutation(len(xy) + n_false)
     truth = np.concatenate([index[seen], np.full(n_false, -1)])
-    return SyntheticField(np.concatenate([xy, false])[order], truth[order], rotation)
+    v_mag = _measured_magnitudes(catalog, truth[order], rng.spawn(1)[0])
+    return SyntheticField(np.concatenate([xy, false])[order], truth[order], rotation, v_mag)
+
+
+def _measured_magnitudes(
+    catalog: StarCatalog, index: NDArray[np.int64], rng: np.random.Generator
+) -> Floats:
+    """Return magnitudes (n,): a true star's own with noise, a false star's as any star's.
+
+    `rng` is a stream of its own, so that the positions of a seed do not depend on this.
+    """
+    measured = catalog.v_mag[index] + rng.normal(0.0, _MAGNITUDE_NOISE, len(index))
+    return np.where(index >= 0, measured, rng.choice(catalog.v_mag, len(index)))
 
 
 def uniform_noise(camera: Camera, n: int, rng: np.random.Generator) -> Floats:

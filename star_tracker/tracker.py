@@ -2,71 +2,72 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from star_tracker import match_group, radial_cyclic
-from star_tracker.attitude import Attitude, covariance
+from star_tracker import radial_cyclic
+from star_tracker.attitude import Attitude
 from star_tracker.camera import Camera
 from star_tracker.database import FeatureDatabase
+from star_tracker.distortion import NOT_INVERTIBLE
+from star_tracker.evidence import evidence
 from star_tracker.field import StarField, Step
-from star_tracker.solution import METHODS, MIN_STARS, Solution, SolveSettings, Status
+from star_tracker.labels import Identification
+from star_tracker.path import (
+    BEGIN,
+    COVARIANCE,
+    GO_ON,
+    LABEL,
+    LENS,
+    LOST_IN_SPACE,
+    MIN_STARS,
+    NO_ROTATION,
+    NUMBERS,
+    RMS,
+    SOLVED,
+    TOO_FEW,
+    TOO_MANY,
+    TRACK,
+    TRACKING,
+    USABLE,
+    FrameResult,
+    Search,
+    follow,
+)
+from star_tracker.search import MORE, Progress, keep
+from star_tracker.solution import METHODS, Solution, SolveSettings, Status
 from star_tracker.spherical import Floats
-from star_tracker.verification import Identification, Verified, label, verify
+from star_tracker.verification import Sky, verify
+from star_tracker.votes import vote_counts
 
-#: A hypothesis this good ends the search. A weaker one that can be accepted first has to hold out
-#: against this many more: a few true stars among 40 can carry a pose that is off by half a degree.
-#: A true sky seen in a mirror reached -3.3 in 400 fields of 12 deg and -5.0 in 400 of 20 deg, so
-#: where the parity is not known a weaker one needs a lead over the other parity after a full
-#: search of both (benchmark/false_alarms.py).
-_CERTAIN = -8.0
-_SECOND_LOOK = 10
-_AUTO_PARITY_LEAD = 4.0
-#: A centroid this far outside of the image (in image sizes) cannot have come from it.
-_OUTSIDE_MARGIN = 0.05
+#: Decades of evidence that end the search at once, where half of the centroids are matched (else
+#: it takes twice as many: a cluster can carry a pose whose roll is off). Weaker evidence that is
+#: enough has to be better than that of the next so many candidates: a few true stars among 40 can
+#: carry a pose that is off by half a degree. And the sky's mirror image must not fit better: a
+#: real sky seen in a mirror has look-alikes along lines of stars (benchmark/wrong_solutions.py).
+_CERTAIN = 8.0
+_SECOND_LOOK = 10.0
+#: Where the parity is known the other one has to fit better by more than rounding to raise doubt.
+#: Where it is not, a solution that is not certain needs this lead over the other
+#: parity's; in any case over other poses of its own.
+_MIRROR_LEAD = 0.01
+_PARITY_LEAD = 4.0
+_POSE_LEAD = 1.0
+#: Work, in votes, between two looks at the clock: less than 0.1 ms.
+_WORK = 20_000.0
 #: With method auto, the share of the deadline after which the primary makes way for the fallback.
 _PRIMARY_SHARE = 0.5
-
-
-@dataclass
-class _Search:
-    """What one matcher's search has found: of each parity the best hypothesis and its score.
-
-    The score is log10 of the false alarms, with all hypotheses charged that were compared before,
-    also by the matcher before this one.
-    """
-
-    method: str
-    earlier: int
-    best: list[Verified | None]
-    score: list[float]
-    n_compared: list[int]
-    timed_out: bool = False
-
-    def judged(self, parity: int, verified: Verified | None) -> None:
-        """Keep a judged hypothesis if it is the parity's best; charge all compared so far."""
-        if verified is None:
-            return
-        score = verified.log10_false_alarms + float(np.log10(max(1, self.n_hypotheses)))
-        if score < self.score[parity]:
-            self.best[parity], self.score[parity] = verified, score
-
-    @property
-    def n_hypotheses(self) -> int:
-        """Hypotheses compared so far, of all parities and both matchers."""
-        return self.earlier + sum(self.n_compared)
-
-    @property
-    def winner(self) -> int:
-        """The parity with the best score."""
-        return min(range(len(self.score)), key=self.score.__getitem__)
+_UNKNOWN = np.empty(0)
 
 
 class StarTracker:
     """Identifies the stars of single frames, lost in space, for one camera and database.
+
+    A tracker uses its memory again for each frame: each thread needs one of its own. They can
+    share a database. The first one made in a process compiles the path or loads it from the cache
+    (`compiled.py`).
 
     Args:
         database: guide stars and their features.
@@ -82,186 +83,275 @@ class StarTracker:
     ) -> None:
         self.database = database
         self.camera = camera
-        self.settings = settings or SolveSettings()
-        self._cameras = camera.definite()
-        method = self.settings.method
-        self._methods = METHODS if method == "auto" else (method,)
+        self.settings = s = settings or SolveSettings()
+        self._methods = METHODS if s.method == "auto" else (s.method,)
         # Refuses what cannot work before any frame comes, and builds the fallback's patterns.
-        _ = camera.radius_rad
+        radius = camera.radius_rad
         if "radial_cyclic" in self._methods:
-            for factor in self.settings.radial_cyclic.ring_factors:
+            for factor in s.radial_cyclic.ring_factors:
                 database.patterns.level(factor)
             _ = database.pattern_pairs
+        # The parity that is asked for comes first, its mirror image second.
+        parities = camera.definite()
+        if len(parities) == 1:
+            parities += (camera.with_parity(
+                "normal" if camera.parity == "mirrored" else "mirrored"
+            ),)
+        self._searches = [Search(one, one.optics, Progress.blank()) for one in parities]
+        n, pairs = len(database.catalog), database.pairs
+        self._evidence = evidence(n + s.max_centroids, s.centroid_sigma_px)
+        enough = -s.max_log10_false_alarms
+        self._limits = np.array([
+            max(_CERTAIN, enough), enough, _SECOND_LOOK, s.match_group.cells, _WORK,
+            s.displaced_gate_px, s.max_centroids, radius, pairs.max_separation_rad,
+            self._evidence.freedom, self._evidence.scale_px2, s.match_group.voting == "plain",
+        ])
+        primary = METHODS[0] in self._methods
+        levels = s.match_group.levels if primary else np.empty((0, 4))
+        self._fixed = (
+            np.ascontiguousarray(database.catalog.v_mag, float), *database.sky_index,
+            *pairs[:-1], self._evidence.log_factorial, *vote_counts(n),
+            np.empty(n, np.int64), np.empty((n, 3)), np.empty(n, np.int64), levels, self._limits,
+        )
+        self.solve(np.zeros((0, 2)))  # compiles
 
-    def solve(self, xy_px: ArrayLike) -> Solution:
+    def solve(
+        self,
+        xy_px: ArrayLike,
+        intensity: ArrayLike | None = None,
+        *,
+        predicted: Solution | Floats | None = None,
+    ) -> Solution:
         """Identify centroids (n, 2), pixels, and determine the attitude.
 
-        Centroids that are not finite or lie outside of the image are left out and counted.
-        Raises ValueError only for an array of another shape.
+        Their intensities (n,), larger = brighter, on any linear scale, are of use but not needed;
+        one that is not positive counts as unknown. A predicted attitude, a rotation (3, 3) camera
+        to ICRS or an earlier solution, is tried first (where the parity is known): what comes of
+        it is held to the same evidence as anything else, and where it fails the search starts as
+        if lost in space. Centroids that are not finite or lie outside of the image are left out
+        and counted. Raises ValueError only for an array of another shape.
         """
         started = time.perf_counter()
-        xy = np.asarray(xy_px, float)
+        xy = np.asarray(xy_px, np.float64, order="C")
         if xy.ndim != 2 or xy.shape[1] != 2:
             raise ValueError(f"centroids have shape {xy.shape}: give an array (n, 2) of x, y")
-        usable = self._usable(xy)
-        solution = self._unusable(xy, usable) or self._solve(xy[usable], started)
-        return self._finish(solution, usable, started)
+        n = len(xy)
+        brightness = _UNKNOWN
+        if intensity is not None:
+            brightness = np.asarray(intensity, np.float64, order="C")
+            if brightness.shape != (n,):
+                raise ValueError(
+                    f"intensities have shape {brightness.shape}: "
+                    f"give one for each of {n} centroids"
+                )
+        frame = FrameResult(
+            xy, brightness,
+            Identification(np.empty(n, np.int64), np.empty(n, np.uint8), np.empty(n)),
+            np.empty(NUMBERS), started,
+        )
+        first = self._searches[0]
+        if predicted is not None and self._track(frame, predicted):
+            return _solved(frame, first, 0)
+        self._run(first, frame, BEGIN)
+        if first.code == SOLVED:  # nearly every frame
+            return _solved(frame, first, first.n_hypotheses)
+        return self._refused(frame, first.code) or self._persist(frame)
 
-    def _usable(self, xy: Floats) -> np.ndarray:
-        """Return which centroids can have come from the image: noise may push some over its edge.
+    def _track(self, frame: FrameResult, predicted: Solution | Floats) -> bool:
+        """Try a predicted attitude; return whether it has solved the frame."""
+        if isinstance(predicted, Solution):
+            if predicted.attitude is None:
+                return False
+            predicted = predicted.attitude.rotation
+        rotation = np.asarray(predicted, float)
+        if rotation.shape != (3, 3):
+            raise ValueError(f"the predicted rotation has shape {rotation.shape}, not (3, 3)")
+        if self.camera.parity == "auto" or self._methods[0] != METHODS[0]:
+            return False
+        first = self._searches[0]
+        first.progress.rotation[:] = rotation
+        self._run(first, frame, TRACK)
+        if first.code == NO_ROTATION:
+            raise ValueError("the predicted attitude is no rotation: R^T R = 1, determinant +1")
+        return first.code == SOLVED
 
-        With distortion there is no margin: the lens may have no rays beyond the edge.
-        """
-        camera = self.camera
-        size = max(camera.width_px, camera.height_px)
-        return camera.contains(xy, _OUTSIDE_MARGIN * size if camera.distortion is None else 0.0)
+    def _run(self, search: Search, frame: FrameResult, action: int) -> None:
+        """Take the compiled path one step farther."""
+        i = frame.identification
+        if action in (BEGIN, TRACK):
+            search.method = METHODS[0]
+            search.mode = TRACKING if action == TRACK else LOST_IN_SPACE
+        search.code = follow(
+            frame.xy_px, frame.intensity, search.optics, *self._fixed, *search.progress,
+            i.catalog_index, i.state, i.residual_px, frame.numbers, action,
+        )
 
-    def _unusable(self, xy: Floats, usable: np.ndarray) -> Solution | None:
-        """Return the solution of a frame that need not be searched, None for one that must."""
-        n, settings = int(usable.sum()), self.settings
-        size = f"{self.camera.width_px} x {self.camera.height_px} px image"
-        nothing = Identification.empty(n)
-        if len(xy) > 0 and n == 0:
-            return Solution(
-                Status.BAD_INPUT,
-                f"all {len(xy)} centroids are non-finite or outside of the {size}: "
-                "check the camera's size and the detector",
-                nothing,
-            )
-        if n > settings.max_centroids:
-            return Solution(
-                Status.BAD_INPUT,
-                f"{n} centroids are more than max_centroids {settings.max_centroids}: "
+    def _refused(self, frame: FrameResult, code: int) -> Solution | None:
+        """Return the solution of a frame that cannot be searched, None for one that can."""
+        n, most = int(frame.numbers[USABLE]), self.settings.max_centroids
+        if code == LENS:
+            return _unsolved(frame, Status.BAD_INPUT, NOT_INVERTIBLE)
+        if code == TOO_MANY:
+            return _unsolved(
+                frame, Status.BAD_INPUT, f"{n} centroids are more than max_centroids {most}: "
                 "raise the detector's threshold",
-                nothing,
             )
-        if n < MIN_STARS:
-            return Solution(
-                Status.TOO_FEW_STARS, f"{n} stars, at least {MIN_STARS} are needed", nothing
+        if code != TOO_FEW:
+            return None
+        if len(frame.xy_px) > 0 and n == 0:
+            return _unsolved(
+                frame, Status.BAD_INPUT,
+                f"all {len(frame.xy_px)} centroids are non-finite or outside of the "
+                f"{self.camera.width_px} x {self.camera.height_px} px image: "
+                "check the camera's size and the detector",
             )
-        return None
-
-    def _solve(self, xy: Floats, started: float) -> Solution:
-        """Let the matchers have their turns until one has a solution."""
-        try:
-            fields = [StarField.from_pixels(camera, xy) for camera in self._cameras]
-        except ValueError as error:  # a lens that folds inside of the image
-            return Solution(Status.BAD_INPUT, str(error), Identification.empty(len(xy)))
-        budget = self.settings.deadline_ms / 1e3
-        searches: list[_Search] = []
-        for method in self._methods:
-            last = method == self._methods[-1]
-            deadline = started + (budget if last else _PRIMARY_SHARE * budget)
-            earlier = searches[-1].n_hypotheses if searches else 0
-            searches.append(self._search(method, fields, deadline, earlier))
-            if self._judge(searches[-1]) is Status.SOLVED:
-                return self._solved(fields[searches[-1].winner], searches[-1])
-        return self._unsolved(searches, len(xy))
-
-    def _solved(self, star_field: StarField, search: _Search) -> Solution:
-        """Label the stars of an accepted hypothesis and determine the attitude from them."""
-        verified = search.best[search.winner]
-        assert verified is not None
-        identification, rotation = label(
-            self.database.catalog, star_field, verified, self.settings.displaced_gate_px
-        )
-        identified = identification.identified
-        residual2 = float(np.sum(identification.residual_px[identified] ** 2))
-        # Three of the 2 k coordinates went into the rotation.
-        sigma_px = np.sqrt(residual2 / (2 * len(identified) - 3))
-        sigma_rad = float(sigma_px / star_field.camera.focal_length_px)
-        attitude = Attitude.from_rotation(
-            rotation, covariance(star_field.vectors[identified], sigma_rad)
-        )
-        return Solution(
-            Status.SOLVED, "identified", identification, attitude, search.method,
-            star_field.camera.parity, search.score[search.winner],
-            float(np.sqrt(residual2 / len(identified))), search.n_hypotheses,
+        return _unsolved(
+            frame, Status.TOO_FEW_STARS, f"{n} stars, at least {MIN_STARS} are needed"
         )
 
-    def _unsolved(self, searches: list[_Search], n: int) -> Solution:
-        """Say why no matcher has a solution: the first reason of this order that holds."""
-        statuses = [self._judge(search) for search in searches]
-        status = next(
-            s for s in (Status.AMBIGUOUS, Status.TIMEOUT, Status.NO_MATCH) if s in statuses
-        )
-        score = min(min(search.score) for search in searches)
-        n_hypotheses = searches[-1].n_hypotheses
-        found = f"the best of {n_hypotheses} hypotheses has log10 false alarms {score:.1f}"
-        reason = {
-            Status.AMBIGUOUS: "the sky and its mirror image fit about as well: "
-            "set parity to normal or mirrored",
-            Status.TIMEOUT: f"deadline {self.settings.deadline_ms:g} ms passed, {found}",
-            Status.NO_MATCH: found,
-        }[status]
-        return Solution(
-            status, reason, Identification.empty(n), log10_false_alarms=score,
-            n_hypotheses=n_hypotheses,
-        )
+    def _persist(self, frame: FrameResult) -> Solution:
+        """Search on, under both parities where that is asked for, then with the fallback."""
+        asked = self._searches[: 2 if self.camera.parity == "auto" else 1]
+        deadline = frame.started + self.settings.deadline_ms / 1e3
+        n_hypotheses = self._search_on(asked, frame, deadline) + _compared(asked)
+        for one in asked:
+            if one.code == SOLVED:
+                return _solved(frame, one, n_hypotheses)
+        best = max(asked, key=lambda one: one.score)
+        in_time = all(one.code != MORE for one in asked)
+        found = f"the best of {n_hypotheses} hypotheses has log10 false alarms {-best.score:.1f}"
+        status, reason = Status.NO_MATCH, found
+        if best.score > self._limits[0]:  # found by the fallback
+            status, in_time = Status.SOLVED, True
+        elif best.score > self._limits[1]:
+            status, reason = self._doubt(best, asked, frame, deadline)
+            in_time = in_time and status is not Status.TIMEOUT
+        if not in_time:
+            status = Status.TIMEOUT
+            reason = f"deadline {self.settings.deadline_ms:g} ms passed, {found}"
+        if status is not Status.SOLVED:
+            return _unsolved(frame, status, reason, best.score, n_hypotheses)
+        self._run(best, frame, LABEL)
+        return _solved(frame, best, n_hypotheses)
 
-    def _search(
-        self, method: str, fields: list[StarField], deadline: float, earlier: int
-    ) -> _Search:
-        """Judge one matcher's candidates until one is certain, none is left or time is up."""
-        n = len(fields)
-        search = _Search(method, earlier, [None] * n, [float("inf")] * n, [0] * n)
-        threshold = self.settings.max_log10_false_alarms
-        second_look = 0
-        for parity, (n_compared, candidate) in self._candidates(method, fields):
-            search.n_compared[parity] = n_compared
+    def _search_on(self, asked: list[Search], frame: FrameResult, deadline: float) -> int:
+        """Let the primary go on, the fallback have its turn, and the primary what time is left.
+
+        Ends where something is solved. Returns the hypotheses that the fallback has compared.
+        """
+        for other in asked[1:]:
+            self._run(other, frame, BEGIN)
+            if other.code == SOLVED:
+                return 0
+        if self._methods[-1] == METHODS[0]:
+            self._exhaust(asked, frame, deadline)
+            return 0
+        share = _PRIMARY_SHARE * self.settings.deadline_ms / 1e3
+        self._exhaust(asked, frame, frame.started + share)
+        n_fallback = 0
+        if max(one.score for one in asked) <= self._limits[1]:
+            n_fallback = self._fall_back(asked, frame, deadline)
+        unsolved = max(one.score for one in asked) <= self._limits[0]
+        if unsolved and time.perf_counter() < deadline:
+            self._exhaust(asked, frame, deadline)
+        return n_fallback
+
+    def _exhaust(self, searches: list[Search], frame: FrameResult, deadline: float) -> None:
+        """Go on in turn until a search has solved the frame, all have ended or time is up.
+
+        Those that time has stopped keep the code MORE.
+        """
+        while any(one.code == MORE for one in searches):
+            for one in searches:
+                if one.code == MORE:
+                    self._run(one, frame, GO_ON)
+                if one.code == SOLVED or time.perf_counter() > deadline:
+                    return
+
+    def _doubt(
+        self, best: Search, asked: list[Search], frame: FrameResult, deadline: float
+    ) -> tuple[Status, str]:
+        """Hold a pose that is good enough, but not certain, against its rivals."""
+        other = self._searches[1 - self._searches.index(best)]
+        if other not in asked:
+            self._run(other, frame, BEGIN)
+            self._exhaust([other], frame, deadline)
+            if other.code == MORE:
+                return Status.TIMEOUT, ""
+        if len(asked) == 2 and other.score > best.score - _PARITY_LEAD:
+            return Status.AMBIGUOUS, (
+                "the sky and its mirror image fit about as well: set parity to normal or mirrored"
+            )
+        if other.score > best.score + _MIRROR_LEAD:
+            return Status.AMBIGUOUS, (
+                f"the mirror image of the sky fits better: set parity to {other.camera.parity}"
+            )
+        if best.progress.score[1] > best.score - _POSE_LEAD:
+            return Status.AMBIGUOUS, "two attitudes fit about as well"
+        return Status.SOLVED, ""
+
+    def _fall_back(
+        self, asked: list[Search], frame: FrameResult, deadline: float
+    ) -> int:
+        """Judge the candidates of the fallback; return how many hypotheses were compared."""
+        n_compared = [0] * len(asked)
+        fields = [
+            StarField.from_pixels(one.camera, frame.xy_px, frame.intensity) for one in asked
+        ]
+        for at, (n, candidate) in self._candidates(fields):
+            one, n_compared[at] = asked[at], n
             if candidate is not None:
-                search.judged(parity, verify(self.database.catalog, fields[parity], candidate))
-                score = search.score[parity]
-                if score < min(_CERTAIN, threshold):
-                    return search
-                second_look += score < threshold
-                if second_look > _SECOND_LOOK and n == 1:
-                    return search
+                verified = verify(self._sky(one), fields[at], candidate)
+                if verified is not None:
+                    before = one.score
+                    score = -verified.log10_false_alarms
+                    keep(one.progress, score, 0, verified.tolerance_px, verified.rotation)
+                    if one.score > before:
+                        one.method = METHODS[1]
+                    if score > self._limits[0]:
+                        break
             if time.perf_counter() > deadline:
-                search.timed_out = True
-                return search
-        return search
+                one.code = MORE
+                break
+        return sum(n_compared)
 
-    def _candidates(self, method: str, fields: list[StarField]) -> Iterator[tuple[int, Step]]:
-        """Yield (parity, step of the matcher), the parities in turn."""
-        settings = self.settings
-        if method == "match_group":
-            sources = [
-                match_group.candidates(self.database, star_field, settings.match_group)
-                for star_field in fields
-            ]
-        else:
-            sources = [
-                radial_cyclic.candidates(self.database, star_field, settings.radial_cyclic)
-                for star_field in fields
-            ]
+    def _candidates(self, fields: list[StarField]) -> Iterator[tuple[int, Step]]:
+        """Yield (place of the field, step of the fallback), the fields in turn."""
+        sources = [
+            radial_cyclic.candidates(self.database, one, self.settings.radial_cyclic)
+            for one in fields
+        ]
         for steps in zip_longest(*sources):
-            yield from ((parity, step) for parity, step in enumerate(steps) if step is not None)
+            yield from ((at, step) for at, step in enumerate(steps) if step is not None)
 
-    def _judge(self, search: _Search) -> Status:
-        """Return how one matcher's search has ended."""
-        score, n_parities = search.score[search.winner], len(search.score)
-        threshold = self.settings.max_log10_false_alarms
-        if score < (threshold if n_parities == 1 else min(_CERTAIN, threshold)):
-            return Status.SOLVED
-        if search.timed_out:
-            return Status.TIMEOUT
-        if score < threshold:
-            other = min(s for parity, s in enumerate(search.score) if parity != search.winner)
-            lead = other - score
-            return Status.SOLVED if lead >= _AUTO_PARITY_LEAD else Status.AMBIGUOUS
-        return Status.NO_MATCH
-
-    def _finish(self, solution: Solution, usable: np.ndarray, started: float) -> Solution:
-        """Give every input centroid its row again, and the time taken."""
-        identification = Identification.empty(len(usable))
-        part = solution.identification
-        identification.catalog_index[usable] = part.catalog_index
-        identification.state[usable] = part.state
-        identification.residual_px[usable] = part.residual_px
-        return replace(
-            solution,
-            identification=identification,
-            n_ignored=int(np.count_nonzero(~usable)),
-            solve_ms=1e3 * (time.perf_counter() - started),
+    def _sky(self, search: Search) -> Sky:
+        """Return the guide stars as a search's camera sees them."""
+        return Sky(
+            self.database.sky_index, self._fixed[0], search.optics, self.camera.radius_rad,
+            self._evidence,
         )
+
+
+def _compared(searches: list[Search]) -> int:
+    return sum(one.n_hypotheses for one in searches)
+
+
+def _solved(frame: FrameResult, search: Search, n_hypotheses: int) -> Solution:
+    """Return the solution of a labelled frame."""
+    v = frame.numbers
+    attitude = Attitude(v[:4], v[COVARIANCE:RMS].reshape(3, 3), *v[4:COVARIANCE].tolist())
+    return Solution(
+        Status.SOLVED, "identified", frame.identification, attitude, search.method,
+        search.camera.parity, search.wrong_probability, -search.score, float(v[RMS]),
+        n_hypotheses, frame.n_ignored, frame.elapsed_ms, search.mode,
+    )
+
+
+def _unsolved(
+    frame: FrameResult, status: Status, reason: str, score: float = -np.inf, n_hypotheses: int = 0
+) -> Solution:
+    """Return the solution of a frame that has none."""
+    return Solution(
+        status, reason, Identification.empty(len(frame.xy_px)), log10_false_alarms=-score,
+        n_hypotheses=n_hypotheses, n_ignored=frame.n_ignored, solve_ms=frame.elapsed_ms,
+    )

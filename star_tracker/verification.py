@@ -1,89 +1,30 @@
-"""Is a candidate true? The shared judge of all matchers, and the labels of an accepted frame.
+"""Is a candidate true? The shared judge of all matchers.
 
-The test is a-contrario (Desolneux, Moisan and Morel 2008; Moisan and Stival 2004, "AC-RANSAC"):
-how many hypotheses as good as this one would a frame of unrelated points produce? It needs no
-noise parameter, for it looks at every number of matched stars and takes the least likely one.
+A candidate's pose predicts where the catalogue's stars are; centroids and predictions are matched
+one to one, the evidence of the matches is weighed (`evidence.py`), the pose
+is fitted to those that carry most of it, and so on until nothing improves.
 """
 
 from dataclasses import dataclass
-from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
-from scipy.special import betainc, gammaln
 
-from star_tracker.attitude import wahba
-from star_tracker.catalog import StarCatalog
-from star_tracker.field import Candidate, StarField
+from star_tracker.camera import outside_px
+from star_tracker.compiled import compiled, inlined
+from star_tracker.evidence import Evidence, brightness, strongest
+from star_tracker.field import Candidate, Frame, StarField
+from star_tracker.sky_index import SkyIndex, stars_near
 from star_tracker.spherical import Floats
+from star_tracker.wahba import refine, solve_wahba
 
 #: Rounds of projecting, associating and fitting.
-_ROUNDS = 4
-#: Errors that no residual shows: rounding of centroids and catalogue, pixels.
-_FLOOR_PX = 0.15
+_ROUNDS = 5
 #: The gate, in tolerances of the candidate, within which a star may be associated.
-_GATE_TOLERANCES = 2.0
-#: Labelling: widest gate; final gate in standard deviations (0.1 % of true stars lie beyond).
-_LABEL_GATE_PX = 10.0
-_LABEL_GATE_SIGMA = 3.7
-_LABEL_GATE_FLOOR_PX = 0.3
-#: A displaced star's second nearest guide star must be this many times farther.
-_DISPLACED_AMBIGUITY = 3.0
-#: A displaced star is labelled where fewer chance pairs than this are expected so close.
-_DISPLACED_CHANCE = 0.05
-
-
-class StarState(IntEnum):
-    """What became of a centroid."""
-
-    UNIDENTIFIED = 0
-    IDENTIFIED = 1
-    DISPLACED = 2
-
-
-@dataclass(frozen=True)
-class Identification:
-    """One row for each centroid of the frame, in input order.
-
-    Attributes:
-        catalog_index: (n,) catalogue index, -1 = none.
-        state: (n,) values of `StarState`.
-        residual_px: (n,) distance from the guide star's predicted place, NaN = none.
-    """
-
-    catalog_index: NDArray[np.int64]
-    state: NDArray[np.uint8]
-    residual_px: Floats
-
-    @classmethod
-    def empty(cls, n: int) -> "Identification":
-        """Return the identification of a frame in which nothing was identified."""
-        return cls(
-            np.full(n, -1, np.int64), np.zeros(n, np.uint8), np.full(n, np.nan)
-        )
-
-    @property
-    def identified(self) -> NDArray[np.intp]:
-        """Indices of the identified centroids, displaced ones not among them."""
-        return np.flatnonzero(self.state == StarState.IDENTIFIED)
-
-
-@dataclass(frozen=True)
-class Association:
-    """Observed stars matched one-to-one with guide stars, nearest match first.
-
-    Attributes:
-        observed: (k,) indices into the field.
-        catalog: (k,) catalogue indices.
-        residual_px: (k,) ascending.
-        n_predicted: how many guide stars the field should show.
-    """
-
-    observed: NDArray[np.intp]
-    catalog: NDArray[np.intp]
-    residual_px: Floats
-    n_predicted: int
+GATE_TOLERANCES = 2.0
+#: The camera sees nothing at 90 deg from its boresight.
+_FARTHEST_RAD = 1.55
 
 
 @dataclass(frozen=True)
@@ -95,189 +36,228 @@ class Verified:
     tolerance_px: float
 
 
-@dataclass(frozen=True)
-class _Surroundings:
-    """The guide stars in and around a field: what a pose's small corrections can bring in."""
+class Sky(NamedTuple):
+    """Guide stars and the camera that looks at them.
 
-    index: NDArray[np.intp]
-    vectors: Floats
-
-    @classmethod
-    def of(
-        cls, catalog: StarCatalog, field: StarField, rotation: Floats, margin_px: float
-    ) -> "_Surroundings":
-        margin_rad = margin_px / field.camera.focal_length_px
-        # The cosine is kept above 0: the camera sees nothing at 90 deg from its boresight.
-        reach = np.cos(min(field.camera.radius_rad + margin_rad, 1.55))
-        index = np.flatnonzero(catalog.vectors @ rotation[:, 2] > reach)
-        return cls(index, catalog.vectors[index])
-
-
-def verify(catalog: StarCatalog, field: StarField, candidate: Candidate) -> Verified | None:
-    """Judge a candidate against the whole frame; None where fewer than three stars fall in place.
-
-    The number of hypotheses examined is not charged here, as only the caller knows it.
+    Attributes:
+        guides: the guide stars.
+        v_mag: (n,) their V magnitudes, by catalogue index.
+        optics: the camera.
+        radius_rad: largest angle between the boresight and the image's border.
+        evidence: factorials and the noise.
     """
-    gate = _GATE_TOLERANCES * candidate.tolerance_px
-    observed, matched = candidate.observed, candidate.catalog
-    best: Verified | None = None
-    surroundings: _Surroundings | None = None
+
+    guides: SkyIndex
+    v_mag: Floats
+    optics: Floats
+    radius_rad: float
+    evidence: Evidence
+
+
+class Matches(NamedTuple):
+    """Room for one hypothesis: what it predicts and what is matched.
+
+    Attributes:
+        near: (g,) catalogue indices of the guide stars in and around the image.
+        place: (g, 3) where a pose puts them: undistorted image coordinates, px, and how far
+            outside of the image that is.
+        guide_star: (g,) the nearest centroid of each, -1 = none within the gate.
+        star_guide: (n,) the nearest guide star of each centroid, as a place in `near`, -1 = none.
+        star_residual2: (n,) its squared distance, px^2.
+        observed, catalog: (n,) the matches, indices into the frame and the catalogue.
+        residual2: (n,) their squared distances, px^2, ascending.
+        settled: (4,) of the pose judged last: how many matches carry its evidence; and if it was
+            fitted to the very matches listed, how many of them carry most evidence, how many
+            there are, how many guide stars are near, else 0.
+    """
+
+    near: NDArray[np.int64]
+    place: Floats
+    guide_star: NDArray[np.int64]
+    star_guide: NDArray[np.int64]
+    star_residual2: Floats
+    observed: NDArray[np.int64]
+    catalog: NDArray[np.int64]
+    residual2: Floats
+    settled: NDArray[np.int64]
+
+
+@compiled
+def empty_matches(
+    near: NDArray[np.int64], place: Floats, guide_star: NDArray[np.int64], n: int
+) -> Matches:
+    """Return room for a frame of `n` centroids; the others have room for all guide stars."""
+    return Matches(
+        near, place, guide_star, np.empty(n, np.int64), np.empty(n), np.empty(n, np.int64),
+        np.empty(n, np.int64), np.empty(n), np.zeros(4, np.int64),
+    )
+
+
+@compiled
+def look_up(sky: Sky, rotation: Floats, margin_px: float, matches: Matches) -> int:
+    """Find the guide stars in and around the image of a pose; return their number."""
+    margin_rad = margin_px / np.sqrt(sky.optics[2] * sky.optics[3])
+    reach = min(sky.radius_rad + margin_rad, _FARTHEST_RAD)
+    return stars_near(sky.guides, rotation[:, 2], reach, matches.near)
+
+
+@compiled
+def associate(
+    sky: Sky, frame: Frame, rotation: Floats, gate_px: float, n_near: int, matches: Matches
+) -> tuple[int, int]:
+    """Match each guide star with its nearest centroid within `gate_px`, one to one.
+
+    Of several guide stars with the same nearest centroid the nearest has it. Returns the number
+    of matches, sorted by residual, and of guide stars in the image.
+    """
+    project(sky, rotation, n_near, matches)
+    n, n_inside = len(frame.vectors), 0
+    for star in range(n):
+        matches.star_guide[star] = -1
+        matches.star_residual2[star] = gate_px * gate_px
+    for g in range(n_near):
+        matches.guide_star[g] = -1
+        outside = matches.place[g, 2]
+        if outside > gate_px:
+            continue
+        n_inside += outside <= 0.0
+        star, residual2 = _nearest(frame, matches.place[g, 0], matches.place[g, 1], gate_px)
+        matches.guide_star[g] = star
+        if star >= 0 and residual2 <= matches.star_residual2[star]:
+            matches.star_residual2[star] = residual2
+            matches.star_guide[star] = g
+    return _mutual(n, matches), n_inside
+
+
+@compiled
+def project(sky: Sky, rotation: Floats, n_near: int, matches: Matches) -> None:
+    """Write the places of the guide stars near the image of a pose."""
+    r, place, vectors = rotation, matches.place, sky.guides.vectors
+    focal_px = np.sqrt(sky.optics[2] * sky.optics[3])
+    for g in range(n_near):
+        v = vectors[matches.near[g]]
+        z = r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2]
+        place[g, 0] = (r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2]) / z
+        place[g, 1] = (r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2]) / z
+    outside_px(sky.optics, place, n_near)
+    for g in range(n_near):
+        place[g, 0] *= focal_px
+        place[g, 1] *= focal_px
+
+
+@inlined
+def _nearest(frame: Frame, x: float, y: float, gate_px: float) -> tuple[int, float]:
+    """Return the centroid nearest to a place of the image plane within a gate, -1 for none."""
+    plane, n = frame.plane_px, len(frame.plane_px)
+    at, high = 0, n
+    while at < high:
+        middle = (at + high) >> 1
+        if plane[middle, 0] < x - gate_px:
+            at = middle + 1
+        else:
+            high = middle
+    nearest, best = -1, gate_px * gate_px
+    while at < n and plane[at, 0] <= x + gate_px:
+        dx, dy = plane[at, 0] - x, plane[at, 1] - y
+        d2 = dx * dx + dy * dy
+        if d2 <= best:
+            nearest, best = at, d2
+        at += 1
+    return nearest, best
+
+
+@compiled
+def _mutual(n: int, matches: Matches) -> int:
+    """List the pairs that are each other's nearest, by residual; return their number."""
+    k = 0
+    for star in range(n):
+        guide = matches.star_guide[star]
+        if guide < 0 or matches.guide_star[guide] != star:
+            continue
+        residual2, at = matches.star_residual2[star], k
+        while at > 0 and matches.residual2[at - 1] > residual2:
+            matches.observed[at] = matches.observed[at - 1]
+            matches.catalog[at] = matches.catalog[at - 1]
+            matches.residual2[at] = matches.residual2[at - 1]
+            at -= 1
+        matches.observed[at], matches.residual2[at] = star, residual2
+        matches.catalog[at] = matches.near[guide]
+        k += 1
+    return k
+
+
+@compiled
+def judge(
+    sky: Sky, frame: Frame, tolerance_px: float, rotation: Floats, matches: Matches
+) -> float:
+    """Improve a pose as far as the frame supports it; return log10 of its evidence.
+
+    `rotation` (3, 3) is that of the candidate and becomes the best one; minus infinity is
+    returned, and nothing changed, where fewer than three stars fall in place.
+    """
+    gate = GATE_TOLERANCES * tolerance_px
+    n_near = look_up(sky, rotation, 2 * gate, matches)
+    best, trial = -np.inf, np.empty((3, 3))
+    copy_rotation(rotation, trial)
+    before, k_before = 0, 0
+    matches.settled[0] = matches.settled[1] = 0
     for _ in range(_ROUNDS):
-        try:
-            rotation = wahba(field.vectors[observed], catalog.vectors[matched])
-        except ValueError:  # the matched stars lie on one line of sight: not a hypothesis
+        n_matched, n_inside = associate(sky, frame, trial, gate, n_near, matches)
+        if n_matched < 3:
             break
-        surroundings = surroundings or _Surroundings.of(catalog, field, rotation, 2 * gate)
-        found = _associate(surroundings, field, rotation, gate)
-        if len(found.observed) < 3:
+        k, score = strongest(
+            sky.evidence, frame.vectors, matches.observed, matches.residual2, n_matched, n_inside,
+            sky.optics,
+        )
+        if len(frame.magnitude) > 0:
+            score += brightness(
+                frame.magnitude, sky.v_mag, matches.observed, matches.catalog, k
+            )
+        if not score > best:
             break
-        k, score = _most_meaningful(found, field)
-        if best is not None and score >= best.log10_false_alarms:
+        best, matches.settled[0] = score, k
+        copy_rotation(trial, rotation)
+        # The pose was fitted to these very matches already: they will not change any more.
+        names = 0
+        for i in range(k):
+            names += (matches.observed[i] + 1) * (matches.catalog[i] + 1)
+        if k == k_before and names == before:
+            matches.settled[1], matches.settled[2], matches.settled[3] = k, n_matched, n_near
             break
-        best = Verified(rotation, score, candidate.tolerance_px)
-        if set(found.observed[:k]) == set(observed):
-            break
-        observed, matched = found.observed[:k], found.catalog[:k]
+        before, k_before = names, k
+        refine(frame.vectors, matches.observed, sky.guides.vectors, matches.catalog, k, trial)
     return best
 
 
-def _most_meaningful(found: Association, field: StarField) -> tuple[int, float]:
-    """Return how many of the best matches are least likely by chance, and their log10 score."""
-    scores = log10_false_alarms(
-        found.residual_px, len(field), found.n_predicted, field.camera.area_px2
+@inlined
+def copy_rotation(source: Floats, target: Floats) -> None:
+    """Copy a matrix (3, 3). Written out: an assignment of slices compiles to much more."""
+    for i in range(3):
+        for j in range(3):
+            target[i, j] = source[i, j]
+
+
+def verify(sky: Sky, field: StarField, candidate: Candidate) -> Verified | None:
+    """Judge a candidate against the whole frame; None where fewer than three stars fall in place.
+
+    Also None where the matched stars lie on one line of sight: that is no hypothesis.
+    """
+    rotation = np.empty((3, 3))
+    observed = np.ascontiguousarray(candidate.observed, np.int64)
+    catalog = np.ascontiguousarray(candidate.catalog, np.int64)
+    vectors = field.vectors, sky.guides.vectors
+    if not solve_wahba(vectors[0], observed, vectors[1], catalog, len(observed), rotation):
+        return None
+    matches = matches_for(sky, field)
+    score = judge(sky, field.frame, candidate.tolerance_px, rotation, matches)
+    if score == -np.inf:
+        return None
+    return Verified(rotation, -score, candidate.tolerance_px)
+
+
+def matches_for(sky: Sky, field: StarField) -> Matches:
+    """Return room for the hypotheses of a field."""
+    n = len(sky.guides.star)
+    return empty_matches(
+        np.empty(n, np.int64), np.empty((n, 3)), np.empty(n, np.int64), len(field)
     )
-    best = int(np.argmin(scores))
-    return best + 3, float(scores[best])
-
-
-def _associate(
-    surroundings: _Surroundings, field: StarField, rotation: Floats, gate_px: float
-) -> Association:
-    """Match stars and guide stars that are each other's nearest within `gate_px`."""
-    index, place = _predict(surroundings, field, rotation, gate_px)
-    if len(index) == 0 or len(field) == 0:
-        none = np.empty(0, np.intp)
-        return Association(none, none, np.empty(0), len(index))
-    offset = field.plane_px[:, None] - place[None]
-    distance2 = np.einsum("ijk,ijk->ij", offset, offset)
-    nearest_star = distance2.argmin(axis=0)
-    nearest_guide = distance2.argmin(axis=1)
-    star = np.flatnonzero(nearest_star[nearest_guide] == np.arange(len(field)))
-    guide = nearest_guide[star]
-    residual = np.sqrt(distance2[star, guide])
-    order = np.argsort(residual, kind="stable")
-    order = order[: np.searchsorted(residual[order], gate_px, "right")]
-    return Association(star[order], index[guide[order]], residual[order], len(index))
-
-
-def _predict(
-    surroundings: _Surroundings, field: StarField, rotation: Floats, margin_px: float
-) -> tuple[NDArray[np.intp], Floats]:
-    """Return the guide stars (m,) in the image and their places (m, 2), as `field.plane_px`."""
-    camera = field.camera
-    local = surroundings.vectors @ rotation
-    plane = local[:, :2] / local[:, 2:]
-    inside = camera.contains(camera.pixels_of_plane(plane), margin_px)
-    return surroundings.index[inside], plane[inside] * camera.focal_length_px
-
-
-def log10_false_alarms(
-    residual_px: Floats, n_observed: int, n_predicted: int, area_px2: float
-) -> Floats:
-    """Return log10 of the expected false alarms for the best 3, 4, ... matches of a frame.
-
-    `residual_px` (k,) ascends. The best j matches lie within r_j, the residual made larger for
-    the three parameters of the pose that were fitted to 2 j coordinates. A point without relation
-    falls that near to one of the guide stars with p = n_predicted pi r_j^2 / area; two stars
-    define the pose, so j - 2 or more of the other n - 2 have to. The number of values of j that
-    were looked at multiplies the result.
-    """
-    j = np.arange(3, len(residual_px) + 1)
-    radius = residual_px[2:] * np.sqrt(2 * j / (2 * j - 3)) + _FLOOR_PX
-    p = np.minimum(n_predicted * np.pi * radius**2 / area_px2, 1.0)
-    return np.asarray(log10_binomial_tail(j - 2, n_observed - 2, p) + np.log10(n_observed))
-
-
-def log10_binomial_tail(successes: NDArray[np.intp], trials: int, p: Floats) -> Floats:
-    """Return log10 of the chance of `successes` (1..trials) or more in `trials`.
-
-    Where the incomplete beta function underflows, the union bound C(n, k) p^k stands in: it is
-    never smaller than the tail.
-    """
-    exact = betainc(successes, trials - successes + 1, p)
-    bound = (
-        gammaln(trials + 1) - gammaln(successes + 1) - gammaln(trials - successes + 1)
-    ) / np.log(10) + successes * np.log10(p)
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.where(exact > 1e-290, np.log10(exact), bound))
-
-
-def label(
-    catalog: StarCatalog, field: StarField, verified: Verified, displaced_gate_px: float
-) -> tuple[Identification, Floats]:
-    """Label every star of an accepted frame; return the labels and the final rotation (3, 3).
-
-    The noise is estimated from the frame itself, from the matches that are least likely by chance,
-    so that a precise frame gets a narrow gate.
-    """
-    rotation = verified.rotation
-    gate = max(_LABEL_GATE_PX, verified.tolerance_px)
-    surroundings = _Surroundings.of(catalog, field, rotation, 2 * gate)
-    found = _associate(surroundings, field, rotation, gate)
-    k = _most_meaningful(found, field)[0]
-    for _ in range(_ROUNDS):
-        rotation = wahba(field.vectors[found.observed[:k]], catalog.vectors[found.catalog[:k]])
-        # Three of the 2 k coordinates went into the rotation.
-        sigma = np.sqrt(np.sum(found.residual_px[:k] ** 2) / (2 * k - 3))
-        gate = max(_LABEL_GATE_SIGMA * float(sigma), _LABEL_GATE_FLOOR_PX)
-        again = _associate(surroundings, field, rotation, gate)
-        if len(again.observed) < 3:
-            break
-        found = again
-        if len(found.observed) == k:
-            break
-        k = len(found.observed)
-    result = Identification.empty(len(field))
-    result.catalog_index[found.observed] = found.catalog
-    result.state[found.observed] = StarState.IDENTIFIED
-    result.residual_px[found.observed] = found.residual_px
-    _label_displaced(surroundings, field, rotation, result, displaced_gate_px)
-    return result, rotation
-
-
-def _label_displaced(
-    surroundings: _Surroundings,
-    field: StarField,
-    rotation: Floats,
-    result: Identification,
-    gate_px: float,
-) -> None:
-    """Assign stars that are left over to predicted guide stars that are left over, in place.
-
-    A pair counts only where the next nearest guide star is three times farther and where chance
-    would not put two unrelated points so close: with a unmatched stars and b unmatched guide
-    stars, a b pi d^2 / area pairs are expected within d by chance.
-    """
-    star = np.flatnonzero(result.state == StarState.UNIDENTIFIED)
-    if gate_px <= 0 or len(star) == 0:
-        return
-    index, place = _predict(surroundings, field, rotation, 0.0)
-    free = ~np.isin(index, result.catalog_index)
-    index, place = index[free], place[free]
-    if len(index) == 0:
-        return
-    distance = np.linalg.norm(field.plane_px[star][:, None] - place[None], axis=2)
-    rows, columns = linear_sum_assignment(np.minimum(distance, 2 * gate_px))
-    n_star, n_guide = len(star), len(index)
-    for row, column in sorted(zip(rows, columns, strict=True), key=lambda rc: distance[rc]):
-        d = distance[row, column]
-        others = np.delete(distance[row], column)
-        chance = n_star * n_guide * np.pi * d**2 / field.camera.area_px2
-        if d > gate_px or chance > _DISPLACED_CHANCE:
-            break
-        if len(others) and others.min() < _DISPLACED_AMBIGUITY * d:
-            continue
-        result.catalog_index[star[row]] = index[column]
-        result.state[star[row]] = StarState.DISPLACED
-        result.residual_px[star[row]] = d
-        n_star, n_guide = n_star - 1, n_guide - 1

@@ -21,7 +21,7 @@ os.environ.update(
 
 ROS_TEST_MODULES = (
     "test_adapters_*.py", "test_parameters.py", "test_identify_node.py", "test_replay_node.py",
-    "test_processes.py",
+    "test_processes.py", "test_focal_length_node.py", "test_node_*.py", "test_faults_*.py",
 )
 
 try:
@@ -49,3 +49,14 @@ def pytest_pycollect_makemodule(module_path, parent):
     if ROS_MISSING and any(fnmatch(module_path.name, name) for name in ROS_TEST_MODULES):
         return ModuleWithoutRos.from_parent(parent, path=module_path)
     return None
+
+
+@pytest.fixture(scope="session", autouse=True)
+def solver_compiled():
+    """Compile the solver, or load it: the processes that tests start then find it in its cache."""
+    from star_tracker.catalog import StarCatalog
+    from star_tracker.database import FeatureDatabase
+    from star_tracker.evaluation import CAMERAS
+    from star_tracker.tracker import StarTracker
+
+    StarTracker(FeatureDatabase.build(StarCatalog.paper()), CAMERAS["12 deg"])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from wrong_solutions import MIRROR, NOISE, outcomes
 
 from star_tracker.attitude import covariance
 from star_tracker.camera import Camera
@@ -69,7 +70,7 @@ def solved(frames):
     return [frame for frame in frames if frame.solution.status is Status.SOLVED]
 
 
-@pytest.mark.parametrize(("fov", "fraction"), [(12, 0.98), (20, 1.0)])
+@pytest.mark.parametrize(("fov", "fraction"), [(12, 0.995), (20, 1.0)])
 def test_attitudes_all_over_the_sky_are_found(frames, fov, fraction):
     """1 % of the fields of 12 deg have fewer than 6 stars; those of 20 deg have 24 or more."""
     assert len(solved(frames[fov])) >= fraction * N_ATTITUDES
@@ -160,6 +161,17 @@ def test_the_parity_is_found_all_over_the_sky(database, frames, fov):
     assert len(parities) >= 0.95 * len(chosen)
 
 
+@pytest.mark.parametrize("fov", CAMERAS)
+def test_with_the_parity_unknown_the_labels_are_the_same(database, frames, fov):
+    tracker = StarTracker(database, CAMERAS[fov].with_parity("auto"), PATIENT)
+    for frame in solved(frames[fov])[:60]:
+        found = tracker.solve(frame.truth.xy_px)
+        if found.status is Status.SOLVED:
+            np.testing.assert_array_equal(
+                found.identification.catalog_index, frame.solution.identification.catalog_index
+            )
+
+
 def noise_sizes(rng):
     """480 frames of 5 to 15 stars, the smaller ones more often, and 20 of up to 40.
 
@@ -171,10 +183,49 @@ def noise_sizes(rng):
 
 @pytest.mark.parametrize("fov", CAMERAS)
 def test_no_frame_of_noise_is_solved(trackers, fov):
-    """500 frames of each camera; the threshold of 10^-4 false alarms allows for 0.1."""
+    """500 frames of each camera; the threshold of 10^-3 false alarms allows for 0.5 at most."""
     rng = np.random.default_rng(100 + fov)
     states = [
         trackers[fov].solve(uniform_noise(CAMERAS[fov], n, rng)).status for n in noise_sizes(rng)
     ]
     assert len(states) == 500
     assert set(states) == {Status.NO_MATCH}
+
+
+#: Scenes of which 2 of 15 kinds, noise and skies in a mirror, show nothing to be solved.
+N_SCENES = 2000
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    """All kinds of trouble in equal parts for both cameras, solved by the primary alone.
+
+    As many as take some 20 s; benchmark/wrong_solutions.py solves 100,000.
+    """
+    default = SolveSettings().max_log10_false_alarms
+    return outcomes(range(50_000, 50_000 + N_SCENES), default, math.inf, "match_group")
+
+
+def test_no_scene_of_any_kind_is_solved_wrongly(scenes):
+    assert len(scenes) == N_SCENES
+    assert [scene for scene in scenes if scene.verdict == "wrong"] == []
+
+
+def test_nearly_all_scenes_of_the_sky_are_solved(scenes):
+    """What is not has few stars left, or is one of the hard frames of 12 deg."""
+    sky = [scene.verdict for scene in scenes if scene.kind not in {NOISE, MIRROR}]
+    assert sky.count("right") >= 0.985 * len(sky)
+    wide = [s.verdict for s in scenes if s.kind not in {NOISE, MIRROR} and s.camera == "20 deg"]
+    assert wide.count("right") >= 0.998 * len(wide)
+
+
+def test_noise_and_skies_in_a_mirror_are_refused_in_words(scenes):
+    verdicts = {scene.verdict for scene in scenes if scene.kind in {NOISE, MIRROR}}
+    assert verdicts <= {"NO_MATCH", "AMBIGUOUS", "TOO_FEW_STARS"}
+
+
+def test_solutions_claim_to_be_as_sure_as_the_threshold_demands(scenes):
+    """Without rivals the claim is 10^-3 at most; a rival has to be ten times less likely."""
+    claimed = np.array([scene.claimed for scene in scenes if scene.verdict == "right"])
+    assert claimed.max() < 0.1
+    assert np.median(claimed) < 1e-6

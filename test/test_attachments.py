@@ -20,11 +20,11 @@ from star_tracker.attachments import read_contest_catalog, read_contest_map
 from star_tracker.camera import Camera
 from star_tracker.catalog import StarCatalog
 from star_tracker.database import FeatureDatabase
+from star_tracker.labels import StarState
 from star_tracker.pairs import PairTable
 from star_tracker.spherical import separation
 from star_tracker.star_maps import PAPER_MAPS, paper_maps
 from star_tracker.tracker import SolveSettings, StarTracker, Status
-from star_tracker.verification import StarState
 
 BESIDE = Path(__file__).resolve().parent.parent.parent / "shared" / "attachments"
 FOLDER = Path(os.environ.get("STAR_TRACKER_ATTACHMENTS") or BESIDE)

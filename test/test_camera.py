@@ -238,6 +238,11 @@ def test_a_direction_behind_the_camera_has_no_pixel(vector):
             "field of view 151.9 deg is outside of 0.5 to 120 deg: "
             "check the focal length and the width of the image",
         ),
+        ({"fy_px": 1e-300}, "fx 2000 px and fy 1e-300 px belong to no image sensor"),
+        (
+            {"cx_px": 8e156},
+            "principal point (8e+156, 290) px is impossible: it lies near the middle of the image",
+        ),
     ],
 )
 def test_impossible_cameras_are_refused(changes, text):

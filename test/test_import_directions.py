@@ -14,21 +14,37 @@ ADAPTERS = CHECKOUT / "msg_adapters"
 ROOMS = {
     "spherical": set(),
     "resources": set(),
-    "distortion": {"spherical"},
-    "attitude": {"spherical"},
-    "camera": {"distortion", "spherical"},
+    "compiled": {"resources"},
+    "distortion": {"compiled", "spherical"},
+    "attitude": {"compiled", "spherical"},
+    "wahba": {"compiled", "spherical"},
+    "camera": {"compiled", "distortion", "spherical"},
     "catalog": {"resources", "spherical"},
-    "pairs": {"catalog", "spherical"},
+    "sky_index": {"compiled", "spherical"},
+    "pairs": {"catalog", "compiled", "spherical"},
     "patterns": {"spherical"},
-    "database": {"catalog", "pairs", "patterns"},
-    "field": {"camera", "spherical"},
-    "match_group": {"database", "field", "pairs", "spherical"},
-    "verification": {"attitude", "catalog", "field", "spherical"},
+    "feature_file": {"catalog", "pairs", "patterns"},
+    "database": {"catalog", "feature_file", "pairs", "patterns", "resources", "sky_index"},
+    "field": {"camera", "compiled", "distortion", "spherical"},
+    "votes": {"compiled", "field", "pairs", "spherical"},
+    "match_group": {"compiled", "field", "pairs", "spherical", "votes"},
+    "evidence": {"compiled", "spherical"},
+    "verification": {
+        "camera", "compiled", "evidence", "field", "sky_index", "spherical", "wahba",
+    },
+    "labels": {"compiled", "evidence", "field", "spherical", "verification", "wahba"},
+    "search": {
+        "compiled", "field", "match_group", "pairs", "spherical", "verification", "votes", "wahba",
+    },
     "radial_cyclic": {"database", "field", "patterns", "spherical"},
-    "solution": {"attitude", "match_group", "radial_cyclic", "verification"},
+    "path": {
+        "attitude", "camera", "compiled", "evidence", "field", "labels", "pairs", "search",
+        "sky_index", "spherical", "verification",
+    },
+    "solution": {"attitude", "labels", "match_group", "path", "radial_cyclic"},
     "tracker": {
-        "attitude", "camera", "catalog", "database", "field", "match_group", "pairs", "spherical",
-        "patterns", "radial_cyclic", "solution", "verification",
+        "attitude", "camera", "database", "distortion", "evidence", "field", "labels",
+        "path", "radial_cyclic", "search", "solution", "spherical", "verification", "votes",
     },
     "star_maps": {"attitude", "camera", "catalog", "resources", "spherical"},
     "attachments": {"camera", "catalog", "spherical", "star_maps"},
@@ -37,12 +53,38 @@ ROOMS = {
         "camera", "catalog", "database", "evaluation", "match_group", "radial_cyclic", "solution",
         "star_maps", "tracker",
     },
-    "cli": {"compare"},
+    "three_star": {"camera", "spherical"},
+    "error_propagation": {"spherical", "three_star"},
+    "calibration": {"attitude", "camera", "distortion", "spherical", "wahba"},
+    "matched_map": {
+        "camera", "catalog", "database", "solution", "spherical", "star_maps", "tracker",
+    },
+    "focal_length": {"calibration", "camera", "spherical"},
+    "prediction": {"spherical"},
+    "hints": {"calibration", "camera", "database", "solution", "spherical", "tracker"},
+    "command_options": set(),
+    "boresight_command": {
+        "command_options", "error_propagation", "matched_map", "spherical", "three_star",
+    },
+    "calibrate_command": {
+        "calibration", "camera", "command_options", "error_propagation", "matched_map",
+    },
+    "geometry_command": {
+        "attitude", "command_options", "error_propagation", "matched_map", "spherical",
+        "three_star", "wahba",
+    },
+    "cli": {"boresight_command", "calibrate_command", "compare", "geometry_command"},
 }
 #: What the core may import from elsewhere, beside the standard library.
 LIBRARIES = {"numpy", "scipy"}
 #: Imports of single rooms: only for users of the contest's own files, and of the command line.
-OPTIONAL = {"attachments": {"xlrd"}, "compare": {"rich"}}
+COMMANDS = (
+    "boresight_command", "calibrate_command", "command_options", "compare", "geometry_command",
+)
+OPTIONAL = {
+    "attachments": {"xlrd"}, "compiled": {"numba"},
+    **{command: {"rich"} for command in COMMANDS},
+}
 ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros", "msg_adapters"}
 
 

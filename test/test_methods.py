@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from star_tracker import path as path_module
 from star_tracker import tracker as tracker_module
 from star_tracker.attitude import covariance
 from star_tracker.camera import Camera
@@ -24,8 +25,8 @@ from star_tracker.tracker import SolveSettings, StarTracker, Status
 CAMERA = Camera.from_fov(12, 512, 512)
 N_ATTITUDES = 200
 N_NOISE = 300
-#: A frame of ten stars and 5 px noise that the primary misses and the fallback solves.
-SEED_OF_THE_FALLBACKS_FRAME = 6
+#: A frame of 15 stars and 8 px noise that the primary misses and the fallback solves.
+SEED_OF_THE_FALLBACKS_FRAME, HARD_NOISE_PX = 105, 8.0
 NODE = {"parity": "normal", "deadline_ms": 60_000.0}
 
 
@@ -96,7 +97,7 @@ def test_frames_that_the_fallback_does_not_solve_say_why(frames):
 
 
 def test_no_frame_of_noise_is_solved_by_the_fallback(database):
-    """300 frames of 5 to 15 points; the threshold of 10^-4 false alarms allows for 0.03."""
+    """300 frames of 5 to 15 points; the threshold of 10^-3 false alarms allows for 0.3 at most."""
     rng = np.random.default_rng(112)
     # The smaller ones more often: a full search of 15 points costs five times that of 5.
     sizes = np.minimum(*rng.integers(5, 16, (2, N_NOISE)))
@@ -109,7 +110,7 @@ def test_no_frame_of_noise_is_solved_by_the_fallback(database):
 @pytest.mark.parametrize("method", ["radial_cyclic", "auto"])
 @pytest.mark.parametrize("max_separation_deg", [0.5, 2.0, 6.0])
 def test_no_noise_is_solved_with_a_short_pair_table_either(method, max_separation_deg):
-    """What the patterns compare is charged, also beyond the primary's largest separation."""
+    """Nor by patterns, which reach beyond the primary's largest separation."""
     database = FeatureDatabase.build(
         StarCatalog.paper(), max_separation_deg=max_separation_deg
     )
@@ -118,7 +119,7 @@ def test_no_noise_is_solved_with_a_short_pair_table_either(method, max_separatio
     for _ in range(12):
         solution = tracker.solve(uniform_noise(CAMERA, 6, rng))
         assert solution.status is Status.NO_MATCH
-        assert solution.log10_false_alarms > -4
+        assert solution.log10_false_alarms > SolveSettings().max_log10_false_alarms
 
 
 # Both
@@ -127,7 +128,7 @@ def test_no_noise_is_solved_with_a_short_pair_table_either(method, max_separatio
 @pytest.fixture(scope="module")
 def hard_frame(database):
     rng = np.random.default_rng(SEED_OF_THE_FALLBACKS_FRAME)
-    return random_frame(database, rng, noise_px=5.0)
+    return random_frame(database, rng, noise_px=HARD_NOISE_PX)
 
 
 def test_auto_says_that_the_primary_answered(database):
@@ -138,6 +139,7 @@ def test_auto_says_that_the_primary_answered(database):
 
 
 def test_both_methods_name_the_same_stars(database):
+    """And their attitudes differ by far less than the noise makes them err."""
     rng = np.random.default_rng(2)
     for _ in range(5):
         frame = random_frame(database, rng, noise_px=0.5)
@@ -148,12 +150,13 @@ def test_both_methods_name_the_same_stars(database):
         np.testing.assert_array_equal(
             first.identification.catalog_index, second.identification.catalog_index
         )
+        sigma_rad = math.sqrt(np.trace(first.attitude.covariance_rad2))
         np.testing.assert_allclose(
-            first.attitude.rotation, second.attitude.rotation, rtol=0, atol=1e-12
+            first.attitude.rotation, second.attitude.rotation, rtol=0, atol=0.1 * sigma_rad
         )
 
 
-def test_the_fallback_solves_a_frame_of_5_px_noise_that_the_primary_misses(database, hard_frame):
+def test_the_fallback_solves_a_frame_of_8_px_noise_that_the_primary_misses(database, hard_frame):
     primary = tracker_of(database, "match_group").solve(hard_frame.xy_px)
     assert primary.status is Status.NO_MATCH
     assert primary.method == ""
@@ -167,15 +170,15 @@ def test_the_fallback_solves_a_frame_of_5_px_noise_that_the_primary_misses(datab
     )
 
 
-def test_the_fallback_is_charged_for_what_the_primary_has_compared(database, hard_frame):
+def test_what_both_have_compared_is_counted_and_not_charged(database, hard_frame):
+    """The score is evidence: a search that was in vain before it does not lower it."""
     primary, fallback, both = (
         tracker_of(database, method).solve(hard_frame.xy_px)
         for method in ("match_group", "radial_cyclic", "auto")
     )
     assert both.n_hypotheses == primary.n_hypotheses + fallback.n_hypotheses
-    assert both.log10_false_alarms - fallback.log10_false_alarms == pytest.approx(
-        math.log10(both.n_hypotheses / fallback.n_hypotheses)
-    )
+    assert both.log10_false_alarms == fallback.log10_false_alarms
+    assert both.wrong_probability >= fallback.wrong_probability
 
 
 def test_what_neither_solves_has_no_method(database):
@@ -230,41 +233,61 @@ def test_a_thousand_points_are_a_timeout_too(database):
     assert solution.status is Status.TIMEOUT
 
 
+#: Tolerances too narrow for any pair of a frame with noise keep the primary busy in vain: 15 main
+#: stars, each for 150 steps.
+NARROW = MatchGroupSettings(pair_tolerance_px=tuple(np.linspace(0.01, 0.012, 150).tolist()))
+
+
+@pytest.fixture
 def clock_of_one_ms_a_look(monkeypatch):
-    """A clock that advances by 1 ms whenever it is read."""
+    """A clock that advances by 1 ms whenever it is read: after each main star and candidate."""
     reading = itertools.count()
     clock = SimpleNamespace(perf_counter=lambda: next(reading) / 1e3)
-    monkeypatch.setattr(tracker_module, "time", clock)
+    for module in (tracker_module, path_module):
+        monkeypatch.setattr(module, "time", clock)
+    monkeypatch.setattr(tracker_module, "_WORK", 1.0)
 
 
-def test_the_primary_makes_way_after_half_of_the_deadline(database, hard_frame, monkeypatch):
-    """By a clock that advances at each step.
-
-    A tolerance too narrow, tried 150 times, keeps the primary busy for 1500 steps; the
-    fallback needs 441.
-    """
-    narrow = MatchGroupSettings(pair_tolerance_px=(0.01,) * 150)
-    tracker = tracker_of(database, "auto", deadline_ms=1000.0, match_group=narrow)
-    clock_of_one_ms_a_look(monkeypatch)
+@pytest.mark.usefixtures("clock_of_one_ms_a_look")
+def test_the_primary_makes_way_after_half_of_the_deadline(database, hard_frame):
+    """The fallback has 3 widths of ring and 15 main stars with 20 guide stars each: 963 steps."""
+    tracker = tracker_of(database, "auto", deadline_ms=2000.0, match_group=NARROW)
     solution = tracker.solve(hard_frame.xy_px)
     assert solution.status is Status.SOLVED
     assert solution.method == "radial_cyclic"
-    assert 500 < solution.solve_ms <= 1000
-    alone = tracker_of(database, "match_group", deadline_ms=1000.0, match_group=narrow)
-    assert alone.solve(hard_frame.xy_px).status is Status.TIMEOUT
+    assert 1000 < solution.solve_ms <= 2000
 
 
-def test_a_primary_that_was_cut_off_makes_it_a_timeout(database, hard_frame, monkeypatch):
-    """The fallback, of one main star and one guide star, ends in time without a match."""
-    settings = {
-        "match_group": MatchGroupSettings(pair_tolerance_px=(0.01,) * 150),
-        "radial_cyclic": RadialCyclicSettings(ring_factors=(1,), mains=1, matches=1),
-    }
-    tracker = tracker_of(database, "auto", deadline_ms=1000.0, **settings)
-    clock_of_one_ms_a_look(monkeypatch)
+@pytest.mark.usefixtures("clock_of_one_ms_a_look")
+def test_the_primary_alone_has_the_whole_deadline(database, hard_frame):
+    tracker = tracker_of(database, "match_group", deadline_ms=2000.0, match_group=NARROW)
     solution = tracker.solve(hard_frame.xy_px)
     assert solution.status is Status.TIMEOUT
-    assert solution.solve_ms < 600
+    assert 2000 < solution.solve_ms <= 2010
+
+
+@pytest.mark.usefixtures("clock_of_one_ms_a_look")
+def test_a_primary_that_was_cut_off_gets_the_time_that_the_fallback_leaves(database, hard_frame):
+    """The fallback, of one main star and one guide star, ends in time without a match."""
+    settings = {
+        "match_group": NARROW,
+        "radial_cyclic": RadialCyclicSettings(ring_factors=(1,), mains=1, matches=1),
+    }
+    tracker = tracker_of(database, "auto", deadline_ms=2000.0, **settings)
+    solution = tracker.solve(hard_frame.xy_px)
+    assert solution.status is Status.TIMEOUT
+    assert 2000 < solution.solve_ms <= 2010
+
+
+@pytest.mark.usefixtures("clock_of_one_ms_a_look")
+def test_both_parities_share_the_deadline(database, hard_frame):
+    tracker = tracker_of(
+        database, "match_group", CAMERA.with_parity("auto"), deadline_ms=1000.0,
+        match_group=NARROW,
+    )
+    solution = tracker.solve(hard_frame.xy_px)
+    assert solution.status is Status.TIMEOUT
+    assert 1000 < solution.solve_ms <= 1010
 
 
 # The paper's forms
@@ -277,8 +300,17 @@ FORMS = {
     "likelihood": ("radial_cyclic", {}, OURS),
     "plain votes": (
         "match_group",
-        {"match_group": MatchGroupSettings(pair_tolerance_px=(3.0,), voting="plain")},
+        {"match_group": MatchGroupSettings(
+            pair_tolerance_px=(3.0,), cells=3, quick=False, voting="plain"
+        )},
         [1, 2, 4, 7, 8],
+    ),
+    "plain votes, 48 of the highest judged": (
+        "match_group",
+        {"match_group": MatchGroupSettings(
+            pair_tolerance_px=(3.0,), cells=48, quick=False, voting="plain"
+        )},
+        OURS,
     ),
     "printed similarity": (
         "radial_cyclic", {"radial_cyclic": RadialCyclicSettings(similarity="paper")},

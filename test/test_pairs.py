@@ -7,7 +7,14 @@ import pytest
 
 from star_tracker.catalog import StarCatalog
 from star_tracker.database import FeatureDatabase
-from star_tracker.pairs import AZIMUTH_UNITS, MAX_DIRECTED_PAIRS, PairTable, azimuth_units
+from star_tracker.pairs import (
+    AZIMUTH_UNITS,
+    MAX_DIRECTED_PAIRS,
+    PairTable,
+    azimuth_units,
+    first_near,
+    first_row,
+)
 from star_tracker.spherical import position_angle, separation, unit_vectors
 
 
@@ -28,8 +35,14 @@ def random_catalog(n, radius_rad, seed):
 
 
 def directed(table):
-    """Rows of a table as main, companion, azimuth units."""
-    return table.main_azimuth // AZIMUTH_UNITS, table.companion, table.main_azimuth % 256
+    """Rows by main star: main, companion, azimuth units."""
+    main = np.repeat(np.arange(len(table.near_start) - 1), np.diff(table.near_start))
+    return main, table.near_companion, table.near_azimuth
+
+
+def by_separation(table):
+    """Rows in order of separation: main, azimuth units."""
+    return table.main_azimuth // AZIMUTH_UNITS, table.main_azimuth % AZIMUTH_UNITS
 
 
 @pytest.fixture(scope="module")
@@ -41,9 +54,14 @@ def paper():
 def test_pairs_of_the_papers_catalogue(paper, limit_deg, pairs):
     table = PairTable.build(paper, np.radians(limit_deg))
     assert table.n_pairs == pairs
-    assert len(table.companion) == len(table.main_azimuth) == len(table.separation_rad) == (
-        2 * pairs
-    )
+    assert {
+        len(rows) for rows in (
+            table.separation_rad, table.main_azimuth, table.near_separation_rad,
+            table.near_azimuth, table.near_companion,
+        )
+    } == {2 * pairs}
+    assert len(table.near_start) == len(paper) + 1
+    assert table.max_separation_rad == np.radians(limit_deg)
 
 
 def test_the_database_takes_the_papers_12_degrees_by_default(paper):
@@ -56,7 +74,8 @@ def test_each_pair_is_stored_in_both_directions_with_one_separation():
     catalog = random_catalog(60, 0.1, 1)
     table = PairTable.build(catalog, 0.15)
     main, companion, _ = directed(table)
-    there = dict(zip(zip(main, companion, strict=True), table.separation_rad, strict=True))
+    apart = table.near_separation_rad
+    there = dict(zip(zip(main, companion, strict=True), apart, strict=True))
     assert len(there) == len(main)
     assert all(there[c, m] == s for (m, c), s in there.items())
 
@@ -77,7 +96,35 @@ def test_separations_ascend_and_are_those_of_the_catalogue():
     main, companion, _ = directed(table)
     exact = separation(catalog.vectors[main], catalog.vectors[companion])
     # Single precision: 2^-24 of at most 0.2 rad.
-    np.testing.assert_allclose(table.separation_rad, exact, rtol=2.0**-24)
+    np.testing.assert_allclose(table.near_separation_rad, exact, rtol=2.0**-24)
+    np.testing.assert_allclose(table.separation_rad, np.sort(exact), rtol=2.0**-24)
+
+
+def test_both_orders_hold_the_same_rows():
+    table = PairTable.build(random_catalog(60, 0.1, 10), 0.2)
+    main, _, azimuth = directed(table)
+    near = zip(
+        table.near_separation_rad.tolist(), main.tolist(), azimuth.tolist(), strict=True
+    )
+    every = zip(
+        table.separation_rad.tolist(), *(column.tolist() for column in by_separation(table)),
+        strict=True,
+    )
+    assert sorted(near) == sorted(every)
+
+
+def test_companions_of_each_star_ascend_in_separation():
+    table = PairTable.build(random_catalog(60, 0.1, 11), 0.2)
+    assert (table.near_start[0], table.near_start[-1]) == (0, 2 * table.n_pairs)
+    for begin, end in zip(table.near_start, table.near_start[1:], strict=False):
+        assert np.all(np.diff(table.near_separation_rad[begin:end]) >= 0)
+
+
+def test_size_in_memory_is_that_of_all_columns():
+    """Two separations, main star with angle, angle, companion: 17 bytes a row; 8 a start."""
+    table = PairTable.build(random_catalog(60, 0.1, 12), 0.2)
+    starts = len(table.bin_start) + len(table.near_start)
+    assert table.nbytes == 2 * table.n_pairs * (4 + 4 + 4 + 1 + 4) + 8 * starts
 
 
 def test_azimuth_is_the_companions_position_angle_about_the_main_star():
@@ -136,20 +183,68 @@ def test_a_range_turned_round_is_empty():
     assert first == last
 
 
+def probes(table, seed):
+    """Separations at random, below 0 and beyond the table, on its rows and on edges of bins."""
+    rng = np.random.default_rng(seed)
+    end = table.max_separation_rad
+    rows = rng.choice(table.separation_rad, 100).astype(float)
+    return np.concatenate([
+        rng.uniform(-0.1 * end, 1.2 * end, 300), rows, np.nextafter(rows, 0), rows + 1e-9,
+        np.radians(0.01) * rng.integers(0, int(end / np.radians(0.01)) + 2, 100),
+        [-5.0, -1e-12, 0.0, end, 3.0, 50.0],
+    ])
+
+
+@pytest.mark.parametrize("limit_rad", [0.01, 0.2, np.radians(17)])
+def test_the_first_row_of_a_separation_is_where_numpy_finds_it(limit_rad):
+    table = PairTable.build(random_catalog(120, 0.5 * limit_rad, 13), limit_rad)
+    for value in probes(table, 14):
+        expected = np.searchsorted(table.separation_rad, np.float32(value))
+        assert first_row(table, value) == expected, value
+
+
+def test_the_first_row_is_found_in_the_papers_catalogue_too(paper):
+    table = PairTable.build(paper, np.radians(12))
+    for value in probes(table, 15):
+        assert first_row(table, value) == np.searchsorted(table.separation_rad, np.float32(value))
+
+
+def test_the_first_companion_of_a_separation_is_where_numpy_finds_it():
+    table = PairTable.build(random_catalog(60, 0.1, 16), 0.2)
+    values = probes(table, 17)
+    for star in range(60):
+        begin, end = table.near_start[star : star + 2]
+        own = table.near_separation_rad[begin:end]
+        for value in np.concatenate([values[::25], own.astype(float)[::5]]):
+            expected = begin + np.searchsorted(own, np.float32(value))
+            assert first_near(table, star, value) == expected
+
+
+def test_a_star_without_companions_has_no_rows():
+    table = PairTable.build(catalog_of(A=(0, 0), LONELY=(90, 0), B=(1, 0)), np.radians(5))
+    assert table.near_start.tolist() == [0, 1, 1, 2]
+    for value in (0.0, 0.01, 1.0):
+        assert first_near(table, 1, value) == 1
+
+
 def test_stars_out_of_reach_make_no_pairs():
     table = PairTable.build(catalog_of(NORTH=(0, 80), SOUTH=(0, -80)), np.radians(12))
     assert table.n_pairs == 0
     first, last = table.ranges(np.array([0.0]), np.array([1.0]))
     assert first == last == 0
+    assert [first_row(table, value) for value in (-1.0, 0.0, 0.1, 1.0)] == [0, 0, 0, 0]
 
 
 def test_the_table_does_not_depend_on_how_the_tree_visits_the_stars():
-    """A square has four equal sides: ties are put in order of main star, then companion."""
+    """A square has four equal sides: ties go by the lower star, then the other; then reversed."""
     square = catalog_of(A=(0, 1), B=(1, 0), C=(0, -1), D=(359, 0))
     table = PairTable.build(square, np.radians(3))
-    main, companion, _ = directed(table)
-    rows = list(zip(table.separation_rad.tolist(), main.tolist(), companion.tolist(), strict=True))
+    main, _ = by_separation(table)
+    forth, back, apart = main[::2], main[1::2], table.separation_rad[::2]
+    rows = list(zip(apart.tolist(), forth.tolist(), back.tolist(), strict=True))
     assert rows == sorted(rows)
+    assert np.all(forth < back)
+    assert len(rows) == table.n_pairs == 6
 
 
 def test_a_catalogue_too_deep_for_the_separation_is_refused():

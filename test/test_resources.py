@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from star_tracker import resources
-from star_tracker.resources import resource_path
+from star_tracker.resources import cache_folder, resource_path, sources_digest
 
 SHIPPED = (
     "package.xml", "data/hipparcos_v8.npy", "data/crossid.csv", "data/README.md",
@@ -113,3 +113,40 @@ def test_paths_are_absolute_wherever_the_program_was_started(tmp_path, monkeypat
     path = resource_path("package.xml")
     assert path.is_absolute()
     assert isinstance(path, Path)
+
+
+# The cache
+
+
+def test_the_cache_lies_where_the_user_says(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / "star_tracker"
+    assert not cache_folder().exists()
+
+
+@pytest.mark.parametrize("named", [None, ""])
+def test_the_cache_lies_in_the_home_otherwise(monkeypatch, tmp_path, named):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    if named is not None:
+        monkeypatch.setenv("XDG_CACHE_HOME", named)
+    assert cache_folder() == tmp_path / ".cache" / "star_tracker"
+
+
+def test_a_user_without_a_home_has_no_cache(monkeypatch):
+    def no_home():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "home", no_home)
+    assert cache_folder() is None
+
+
+def test_sources_are_named_by_what_they_hold(monkeypatch, tmp_path):
+    names = set()
+    for content in ("a = 1\n", "a = 2\n"):
+        (tmp_path / "module.py").write_text(content, encoding="utf-8")
+        monkeypatch.setattr(resources, "__file__", str(tmp_path / "resources.py"))
+        names.add(sources_digest.__wrapped__())
+    assert len(names) == 2
+    assert all(len(name) == 16 for name in names)

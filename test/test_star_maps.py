@@ -10,6 +10,7 @@ from star_tracker.camera import Camera
 from star_tracker.catalog import StarCatalog
 from star_tracker.database import FeatureDatabase
 from star_tracker.distortion import Distortion
+from star_tracker.labels import StarState
 from star_tracker.spherical import separation
 from star_tracker.star_maps import (
     PAPER_MAPS,
@@ -24,7 +25,6 @@ from star_tracker.star_maps import (
     write_star_map,
 )
 from star_tracker.tracker import SolveSettings, StarTracker, Status
-from star_tracker.verification import StarState
 
 ARCSEC = np.pi / 180 / 3600
 HEAD = ("width_px: 512", "height_px: 512", "fov_deg: 12", "cx_px: 256", "cy_px: 256")
@@ -365,18 +365,32 @@ def test_noise_has_the_standard_deviation_asked_for_along_each_axis(catalog):
     assert np.all(np.abs(errors.mean(axis=0)) < 4 * 0.7 / math.sqrt(len(errors)))
 
 
-def test_missing_stars_and_false_stars_come_in_the_fractions_asked_for(catalog):
+@pytest.mark.parametrize("missing", [0.0, 0.3, 0.6, 1.0])
+def test_missing_stars_and_false_stars_come_in_the_fractions_asked_for(catalog, missing):
+    """Exactly, but for rounding to a whole number; the stars that are left are true ones."""
     rng = np.random.default_rng(4)
-    shown = true = 0
-    for _ in range(60):
+    for _ in range(30):
         rotation = random_rotation(rng)
-        n = len(visible_stars(catalog, WIDE, rotation)[0])
+        index = visible_stars(catalog, WIDE, rotation)[0]
+        n = len(index)
         field = synthetic_field(
-            catalog, WIDE, rotation, rng, missing=0.3, false_stars=0.5
+            catalog, WIDE, rotation, rng, missing=missing, false_stars=0.5
         )
         assert np.count_nonzero(field.catalog_index == -1) == round(0.5 * n)
-        shown, true = shown + np.count_nonzero(field.catalog_index >= 0), true + n
-    assert shown / true == pytest.approx(0.7, abs=4 * math.sqrt(0.21 / true))
+        seen = field.catalog_index[field.catalog_index >= 0]
+        assert len(seen) == len(np.unique(seen)) == n - round(missing * n)
+        assert np.isin(seen, index).all()
+
+
+def test_every_star_is_missing_as_often_as_any_other(catalog):
+    """Half of the stars of one field, 400 times: each count is binomial about 200."""
+    rng, rotation = np.random.default_rng(10), Pose(10, 20, 30).rotation
+    index = visible_stars(catalog, WIDE, rotation)[0]
+    seen = np.zeros(len(catalog))
+    for _ in range(400):
+        field = synthetic_field(catalog, WIDE, rotation, rng, missing=0.5)
+        seen[field.catalog_index] += 1
+    assert np.abs(seen[index] - 200).max() < 4.5 * math.sqrt(400 * 0.25)
 
 
 def test_a_seed_makes_the_field(catalog):
@@ -388,6 +402,33 @@ def test_a_seed_makes_the_field(catalog):
     ]
     np.testing.assert_array_equal(fields[0], fields[1])
     assert not np.array_equal(fields[0], fields[2])
+
+
+def test_magnitudes_are_the_catalogues_with_noise_and_those_of_false_stars_any_star_s(catalog):
+    rng = np.random.default_rng(8)
+    errors, false = [], []
+    for _ in range(60):
+        field = synthetic_field(catalog, WIDE, random_rotation(rng), rng, false_stars=1.0)
+        assert field.v_mag.shape == field.catalog_index.shape
+        true = field.catalog_index >= 0
+        errors.append(field.v_mag[true] - catalog.v_mag[field.catalog_index[true]])
+        false.append(field.v_mag[~true])
+    errors, false = np.concatenate(errors), np.concatenate(false)
+    np.testing.assert_allclose(errors.std(), 0.1, rtol=4 / math.sqrt(2 * len(errors)))
+    assert np.isin(false, catalog.v_mag).all()
+    spread = catalog.v_mag.std() / math.sqrt(len(false))
+    assert false.mean() == pytest.approx(catalog.v_mag.mean(), abs=4 * spread)
+
+
+def test_magnitudes_leave_the_stream_of_positions_alone(catalog):
+    """Who is missing, the noise and the order come from it; magnitudes have one of their own."""
+    one, two = np.random.default_rng(9), np.random.default_rng(9)
+    field = synthetic_field(catalog, WIDE, Pose(10, 20, 30).rotation, one, noise_px=1.0)
+    n = len(field.xy_px)
+    two.permutation(n)
+    two.normal(0.0, 1.0, (n, 2))
+    two.permutation(n)
+    assert one.bit_generator.state == two.bit_generator.state
 
 
 def test_uniform_noise_fills_the_image():

@@ -1,0 +1,84 @@
+"""How the per-frame path is compiled: numba, with a cache on disk that follows the sources.
+
+numba's own cache notices a change of the file that a function stands in, not of the functions
+that it calls in other files: an upgrade could go on running the old machine code. So the cache
+lies in a folder named after all sources of this package, and a changed source means a new folder.
+It is made below NUMBA_CACHE_DIR, or else in the package's cache folder (`resources.py`). Where it
+cannot be written, each process compiles for itself.
+"""
+
+import os
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import config as numba_config
+
+from star_tracker.resources import cache_folder, sources_digest
+
+#: No exceptions for divisions by zero: what is divided by is checked where it can be zero.
+_OPTIONS = {"error_model": "numpy", "nogil": True}
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Return a function compiled at its first call for the types that it is called with.
+
+    Its arguments are arrays, numbers and named tuples of them. The global interpreter lock is
+    released while it runs.
+    """
+    return _compile(function, "never")
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Return a compiled function that becomes a part of each compiled function that calls it.
+
+    For small ones that are called for each star: handing over arrays takes longer than their work.
+    """
+    return _compile(function, "always")
+
+
+def _compile(function: Callable[..., Any], inline: str) -> Any:
+    options: dict[str, Any] = {**_OPTIONS, "inline": inline}
+    njit: Any = numba.njit
+    folder = _cache_folder()
+    if folder is None:
+        return njit(**options)(function)
+    # numba settles where a function is cached when it is decorated.
+    config: Any = numba_config
+    before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
+    try:
+        return njit(cache=True, **options)(function)
+    finally:
+        config.CACHE_DIR = before
+
+
+@cache
+def _cache_folder() -> Path | None:
+    """Return the folder of the compiled code of exactly these sources, None if there is none."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    base = Path(named) / "star_tracker" if named else cache_folder()
+    if base is None:
+        return None
+    folder = base / f"compiled-{sources_digest()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / f"probe-{os.getpid()}"
+        probe.write_bytes(bytes(1 << 20))  # a full disk is found out here, not while saving
+        probe.unlink()
+    except OSError:
+        return None
+    return folder
+
+
+@compiled
+def first_not_below(values: Any, begin: int, end: int, low: float) -> int:
+    """Return the first place in ascending values[begin:end] that is not below `low`."""
+    while begin < end:
+        middle = (begin + end) // 2
+        if values[middle] < low:
+            begin = middle + 1
+        else:
+            end = middle
+    return begin
