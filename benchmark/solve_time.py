@@ -1,6 +1,6 @@
 """Solve time on the eight star maps and the fraction of stars identified.
 
-`make benchmark`, or `python benchmark/solve_time.py [--repeat N] [--method M]`. CPU time of this
+`python benchmark/solve_time.py [--repeat N] [--method M]`. CPU time of this
 process, one BLAS thread; every solve starts lost in space.
 """
 
@@ -14,6 +14,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+import numba
 import numpy as np
 import scipy
 
@@ -38,7 +39,8 @@ def main() -> int:
     n_bytes = database.patterns.packed.nbytes
     built = time.perf_counter()
     print(
-        f"Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}; "
+        f"Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}, "
+        f"numba {numba.__version__}; "
         f"{len(database.catalog)} stars, pairs built in {pairs_built - started:.2f} s "
         f"({database.pairs.nbytes / 1e6:.2f} MB), patterns in {built - pairs_built:.2f} s "
         f"({n_bytes / 1e6:.2f} MB); method {options.method}"
@@ -52,11 +54,11 @@ def main() -> int:
         for star_map in paper_maps()
     }
     for name, s in scores.items():
-        print(row(name, s.n, s.n_correct, f"{s.median_ms:.2f}", f"{s.p95_ms:.2f}"))
+        print(row(name, s.n, s.n_correct, f"{s.median_ms:.3f}", f"{s.p95_ms:.3f}"))
     every = np.concatenate([s.cpu_ms for s in scores.values()])
     median, p95 = np.percentile(every, [50, 95])
     n, right = (sum(getattr(s, key) for s in scores.values()) for key in ("n", "n_correct"))
-    print(row("all", n, right, f"{median:.2f}", f"{p95:.2f}"))
+    print(row("all", n, right, f"{median:.3f}", f"{p95:.3f}"))
     return 0
 
 
