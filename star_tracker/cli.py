@@ -4,7 +4,31 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from star_tracker import compare
+from star_tracker import boresight_command, calibrate_command, compare, geometry_command
+
+#: Each command: its module, its line of help and what it says of itself.
+COMMANDS = {
+    "compare": (
+        compare, "compare both methods and their paper forms",
+        "Compare both methods, each also in the paper's form, on the eight maps and under noise, "
+        "missing and false stars.",
+    ),
+    "boresight": (
+        boresight_command, "boresight of a star map from three stars",
+        "Boresight from three stars and their distances from the image's centre, with known "
+        "focal length by two methods and with unknown focal length (docs/boresight.md).",
+    ),
+    "calibrate": (
+        calibrate_command, "focal length and lens from the stars of a star map",
+        "Focal length, and where the data support them principal point and radial distortion, "
+        "by joint least squares over all matched stars of a star map.",
+    ),
+    "geometry": (
+        geometry_command, "which stars of a star map fix the boresight best",
+        "Error factor K, tetrahedron volume and predicted boresight error of all triples of a "
+        "star map, and the predicted errors of the attitude from all stars.",
+    ),
+}
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -13,15 +37,11 @@ def main(args: Sequence[str] | None = None) -> int:
         prog="star_tracker", description="Star identification and attitude determination."
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    command = commands.add_parser(
-        "compare", help="compare both methods and their paper forms",
-        description="Compare both methods, each also in the paper's form, on the eight maps and "
-        "under noise, missing and false stars.",
-    )
-    compare.add_arguments(command)
+    for name, (module, summary, description) in COMMANDS.items():
+        module.add_arguments(commands.add_parser(name, help=summary, description=description))
     options = parser.parse_args(args)
     try:
-        compare.execute(options)
+        COMMANDS[options.command][0].execute(options)
     except (ValueError, FileNotFoundError) as error:
         print(f"star_tracker {options.command}: {error}", file=sys.stderr)
         return 2

@@ -1,0 +1,58 @@
+"""What the commands that work on one star map have in common: options, units and printing."""
+
+import argparse
+import json
+import math
+
+from rich.console import Console
+from rich.table import Table
+
+ARCSEC_PER_RAD = math.degrees(1) * 3600
+#: One answer as plain values, units in the names.
+Record = dict[str, object]
+
+
+def add_map_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the map and the form of the output."""
+    parser.add_argument(
+        "map", metavar="MAP",
+        help="number of a map, 1 to 8, or a star map file; a file without star numbers is "
+        "identified first",
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
+def add_focal_length_argument(parser: argparse.ArgumentParser, purpose: str) -> None:
+    """Declare another focal length than that of the map."""
+    parser.add_argument("--focal-length-px", type=float, help=f"{purpose} (that of the map)")
+
+
+def add_sigma_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare the noise that predicted errors are for."""
+    parser.add_argument(
+        "--sigma-px", type=float, default=0.1,
+        help="noise of a centroid along each axis, for the predicted errors (0.1)",
+    )
+
+
+def check_positive(options: argparse.Namespace, *names: str) -> None:
+    """Raise ValueError for an option that is given but not a finite number above 0."""
+    for name in names:
+        value = getattr(options, name)
+        if value is not None and not 0 < value < math.inf:
+            raise ValueError(f"--{name.replace('_', '-')} must be a number greater than 0")
+
+
+def print_result(record: Record, tables: list[Table], as_json: bool) -> None:
+    """Print the record for machines or the tables for people."""
+    if as_json:
+        print(json.dumps(record, indent=2, allow_nan=False))
+        return
+    console = Console()
+    for table in tables:
+        console.print(table)
+
+
+def cell(value: object, spec: str) -> str:
+    """Return a table cell; what is not known stays empty."""
+    return "" if value is None else format(value, spec)
