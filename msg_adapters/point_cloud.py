@@ -10,8 +10,8 @@ from std_msgs.msg import Header
 
 from msg_adapters import MessageError
 from star_tracker.catalog import StarCatalog
+from star_tracker.labels import Identification
 from star_tracker.spherical import Floats
-from star_tracker.verification import Identification
 
 _FORMATS = {
     PointField.INT8: "i1", PointField.UINT8: "u1", PointField.INT16: "i2", PointField.UINT16: "u2",
@@ -19,6 +19,8 @@ _FORMATS = {
     PointField.FLOAT64: "f8",
 }
 _COORDINATES = (PointField.FLOAT32, PointField.FLOAT64)
+#: Characters of a field's name that are shown in an error.
+_LONGEST_NAME = 40
 #: One row of `identified_stars`; the names are those of the topic's fields.
 STAR_DTYPE = np.dtype([
     ("x", "<f4"), ("y", "<f4"), ("star_number", "<u4"), ("hip", "<u4"), ("ra_deg", "<f8"),
@@ -41,11 +43,12 @@ def centroids_from_cloud(message: PointCloud2) -> Centroids:
     points = points_from_cloud(message)
     for name in ("x", "y"):
         _require_coordinate(message, name)
-    xy = np.column_stack([points["x"], points["y"]]).astype(float)
-    if "intensity" not in (points.dtype.names or ()):
-        return Centroids(xy)
-    _require_one_value(points, "intensity")
-    return Centroids(xy, points["intensity"].astype(float))
+    with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+        xy = np.column_stack([points["x"].astype(float), points["y"].astype(float)])
+        if "intensity" not in (points.dtype.names or ()):
+            return Centroids(xy)
+        _require_one_value(points, "intensity")
+        return Centroids(xy, points["intensity"].astype(float))
 
 
 def cloud_from_centroids(centroids: Centroids, header: Header) -> PointCloud2:
@@ -114,18 +117,19 @@ def _layout(message: PointCloud2) -> np.dtype:
     """Return the structured dtype that the fields of a cloud describe."""
     names = [field.name for field in message.fields]
     if len(set(names)) != len(names):
-        raise MessageError(f"PointCloud2 names a field twice: {', '.join(names)}")
+        twice = next(name for name in names if names.count(name) > 1)
+        raise MessageError(f"PointCloud2 names a field twice: {_shown(twice)}")
     order = ">" if message.is_bigendian else "<"
     layout: dict[str, tuple[str, int]] = {}
     for field in message.fields:
         if field.datatype not in _FORMATS:
-            raise MessageError(f"PointCloud2 field {field.name} has no valid datatype")
+            raise MessageError(f"PointCloud2 field {_shown(field.name)} has no valid datatype")
         form = order + _FORMATS[field.datatype]
         count = max(1, field.count)  # some writers leave the count of a single value at 0
         if field.offset + count * np.dtype(form).itemsize > message.point_step:
             raise MessageError(
-                f"PointCloud2 field {field.name} at offset {field.offset} does not fit into "
-                f"point_step {message.point_step}"
+                f"PointCloud2 field {_shown(field.name)} at offset {field.offset} does not fit "
+                f"into point_step {message.point_step}"
             )
         layout[field.name] = (form if count == 1 else f"{count}{form}", field.offset)
     return np.dtype({
@@ -134,6 +138,12 @@ def _layout(message: PointCloud2) -> np.dtype:
         "offsets": [offset for _, offset in layout.values()],
         "itemsize": message.point_step,
     })
+
+
+def _shown(name: str) -> str:
+    """Return a field's name as it can stand in a log: printable and not too long."""
+    text = name if name.isprintable() and name else ascii(name)
+    return text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}..."
 
 
 def cloud_from_points(points: NDArray[np.void], header: Header) -> PointCloud2:

@@ -3,12 +3,17 @@
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
+from star_tracker.labels import StarState
 from star_tracker.solution import Solution, Status
-from star_tracker.verification import StarState
 
 
-def diagnostics_from_solution(solution: Solution, name: str, header: Header) -> DiagnosticArray:
-    """Write how a frame ended: level OK where solved, ERROR for bad input, else WARN."""
+def diagnostics_from_solution(
+    solution: Solution, name: str, header: Header, hint: str = ""
+) -> DiagnosticArray:
+    """Write how a frame ended: level OK where solved, ERROR for bad input, else WARN.
+
+    A hint says what would solve a frame that was not solved, where that is known.
+    """
     level = {Status.SOLVED: DiagnosticStatus.OK, Status.BAD_INPUT: DiagnosticStatus.ERROR}.get(
         solution.status, DiagnosticStatus.WARN
     )
@@ -16,7 +21,9 @@ def diagnostics_from_solution(solution: Solution, name: str, header: Header) -> 
     values = {
         "status": solution.status.value,
         "reason": solution.reason,
+        "hint": hint,
         "method": solution.method,
+        "mode": solution.mode,
         "parity": solution.parity,
         "matched": int((state == StarState.IDENTIFIED).sum()),
         "displaced": int((state == StarState.DISPLACED).sum()),

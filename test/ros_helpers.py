@@ -4,6 +4,7 @@ A bench has a context and a namespace of its own, the node under test and a prob
 to it. `until` spins both and looks at its condition after each event that the probe notices.
 """
 
+import functools
 import itertools
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -168,6 +169,7 @@ class Bench:
         """Return a list that grows with each callback of a subscription or timer."""
         calls, callback = [], entity.callback
 
+        @functools.wraps(callback)  # rclpy looks at how many arguments it takes
         def watched(*arguments):
             callback(*arguments)
             calls.append(arguments)

@@ -19,7 +19,7 @@ from msg_adapters.point_cloud import (
     stars_from_cloud,
 )
 from star_tracker.catalog import StarCatalog
-from star_tracker.verification import Identification, StarState
+from star_tracker.labels import Identification, StarState
 
 HEADER = Header(frame_id="camera")
 HEADER.stamp.sec, HEADER.stamp.nanosec = 9, 8
@@ -185,7 +185,7 @@ def with_field(index, **changes):
     (with_field(1, offset=5), "field y at offset 5 does not fit into point_step 8"),
     (with_field(1, offset=2**32 - 1), "field y at offset 4294967295 does not fit"),
     (with_field(1, count=2), "field y at offset 4 does not fit into point_step 8"),
-    (with_field(1, name="x"), "names a field twice: x, x"),
+    (with_field(1, name="x"), "names a field twice: x"),
     (xy_cloud(height=2), "height is 2: a frame has height 1"),
     (xy_cloud(point_step=12), r"data has 24 bytes, but width 3 x point_step 12 is 36"),
     (xy_cloud(point_step=4), r"data has 24 bytes, but width 3 x point_step 4 is 12"),

@@ -6,8 +6,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Header
 
 from msg_adapters.solution import diagnostics_from_solution, values_from_diagnostics
+from star_tracker.labels import Identification
 from star_tracker.tracker import Solution, Status
-from star_tracker.verification import Identification
 
 HEADER = Header(frame_id="camera")
 HEADER.stamp.sec = 77
@@ -50,10 +50,12 @@ def test_values_round_trip():
     )
     solution = Solution(
         Status.SOLVED, "identified", identification, method="match_group", parity="mirrored",
-        log10_false_alarms=-12.345, rms_px=0.15811, n_hypotheses=4711, n_ignored=3, solve_ms=2.5,
+        wrong_probability=4.52e-13, log10_false_alarms=-12.345, rms_px=0.15811,
+        n_hypotheses=4711, n_ignored=3, solve_ms=2.5, mode="tracking",
     )
     assert values_of(solution) == {
-        "status": "SOLVED", "reason": "identified", "method": "match_group", "parity": "mirrored",
+        "status": "SOLVED", "reason": "identified", "hint": "", "method": "match_group",
+        "mode": "tracking", "parity": "mirrored",
         "matched": "2", "displaced": "1", "total": "4", "ignored": "3",
         "wrong_probability": "4.52e-13", "log10_false_alarms": "-12.35", "rms_px": "0.1581",
         "hypotheses": "4711", "solve_ms": "2.500",
@@ -63,6 +65,12 @@ def test_values_round_trip():
 def test_unsolved_frame_has_wrong_probability_one():
     values = values_of(solution_of(Status.NO_MATCH, log10_false_alarms=-1.0))
     assert values["wrong_probability"] == "1"
+
+
+def test_hint_of_an_unsolved_frame_is_written():
+    solution = solution_of(Status.NO_MATCH)
+    message = diagnostics_from_solution(solution, "t", HEADER, "image looks mirrored")
+    assert values_from_diagnostics(message)["hint"] == "image looks mirrored"
 
 
 def test_numbers_that_are_missing_are_said_so_in_words():

@@ -17,11 +17,11 @@ from msg_adapters.attitude import array_from_boresight, array_from_quaternion
 from msg_adapters.camera_info import info_from_camera
 from star_tracker.attitude import rotation_from_boresight
 from star_tracker.distortion import Distortion
+from star_tracker.labels import StarState
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.nodes.parameters import ParameterError
 from star_tracker.spherical import separation, unit_vectors
 from star_tracker.star_maps import paper_maps, uniform_noise
-from star_tracker.verification import StarState
 
 MAPS = dict(enumerate(paper_maps(), start=1))
 #: Maps of the 12 deg camera without displaced stars, whose pose is therefore exact.

@@ -154,14 +154,23 @@ def test_names_are_unique(node):
 
 
 @pytest.mark.parametrize("node", NODES)
-def test_node_declares_its_parameters_and_refuses_changes(node):
+def test_node_declares_its_parameters_and_refuses_changes_of_fixed_ones(node):
     make, parameters = NODES[node]
     with open_bench() as bench:
         running = bench.start(make)
         for parameter in parameters:
-            assert running.describe_parameter(parameter.name).read_only
+            assert running.describe_parameter(parameter.name).read_only == parameter.fixed
             same = running.get_parameter(parameter.name)
-            assert not running.set_parameters([same])[0].successful
+            assert running.set_parameters([same])[0].successful != parameter.fixed
+
+
+def test_fixed_parameters():
+    fixed = {parameter.name for parameter in IDENTIFY_PARAMETERS if parameter.fixed}
+    assert fixed == {
+        "calibrate_focal_length", "camera_frame", "queue_depth", "reference_frame",
+        "use_camera_info",
+    }
+    assert all(parameter.fixed for parameter in REPLAY_PARAMETERS)
 
 
 @pytest.mark.parametrize("node", NODES)

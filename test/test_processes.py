@@ -16,12 +16,22 @@ from sensor_msgs.msg import PointCloud2
 
 import star_tracker
 from msg_adapters.solution import values_from_diagnostics
+from star_tracker.camera import Camera
+from star_tracker.catalog import StarCatalog
+from star_tracker.database import FeatureDatabase
 from star_tracker.star_maps import paper_maps
+from star_tracker.tracker import StarTracker
 
 #: The longest that a process may take to start or to end; a slow machine needs seconds.
 TIMEOUT_S = 30.0
 IDENTIFY, REPLAY = "star_tracker.nodes.identify_node", "star_tracker.nodes.replay_node"
 MAPS = ["-p", "parity:=mirrored", "-p", "deadline_ms:=60000.0"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_code():
+    """Compile the solver, or load it, before any node does: the first time takes half a minute."""
+    StarTracker(FeatureDatabase.build(StarCatalog.paper()), Camera.from_fov(12, 512, 512))
 
 
 def start(command, namespace="", arguments=()):
@@ -179,15 +189,16 @@ def test_signal_right_after_the_start_ends_replay_node_with_exit_code_0(number):
     assert "Traceback" not in messages
 
 
-#: A node that is told to stop while its database is built, which is most of its start.
+#: A node that is told to stop while its database is made, which is most of its start.
 SIGNAL_DURING_START = """
 import os, sys
+from star_tracker.database import FeatureDatabase
 from star_tracker.nodes import identify_node
-build = identify_node.FeatureDatabase.build
-def build_and_signal(*args, **kwargs):
+cached = FeatureDatabase.cached
+def signal_and_load(*args, **kwargs):
     os.kill(os.getpid(), {number})
-    return build(*args, **kwargs)
-identify_node.FeatureDatabase.build = build_and_signal
+    return cached(*args, **kwargs)
+FeatureDatabase.cached = signal_and_load
 sys.exit(identify_node.main())
 """
 

@@ -2,37 +2,43 @@
 
 import sys
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
-from rclpy.event_handler import SubscriptionEventCallbacks
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CameraInfo, PointCloud2
-from std_msgs.msg import Header
+from std_srvs.srv import Trigger
 
 from msg_adapters import MessageError
-from msg_adapters.attitude import boresight_from_attitude, quaternion_from_attitude
-from msg_adapters.camera_info import camera_from_info
-from msg_adapters.point_cloud import centroids_from_cloud, cloud_from_identification
-from msg_adapters.solution import diagnostics_from_solution
-from msg_adapters.stamp import nanoseconds_from_header
+from msg_adapters.health import status_from_health
+from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.camera import Camera
-from star_tracker.catalog import StarCatalog
 from star_tracker.database import FeatureDatabase
-from star_tracker.match_group import MatchGroupSettings
-from star_tracker.nodes.camera_feed import CameraFeed
+from star_tracker.hints import hint, wants_hint
+from star_tracker.labels import Identification, StarState
+from star_tracker.nodes.configuration import Configuration
+from star_tracker.nodes.focal_length_watch import FocalLengthWatch
+from star_tracker.nodes.health import FrameRecord, Health, input_age_s
+from star_tracker.nodes.health_report import HealthReport
+from star_tracker.nodes.intake import Frame, Intake
+from star_tracker.nodes.outputs import Outputs
 from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS, ParameterError, declare
 from star_tracker.nodes.running import run
-from star_tracker.solution import Solution, SolveSettings, Status
+from star_tracker.nodes.runtime_parameters import RuntimeParameters
+from star_tracker.prediction import Predictor
+from star_tracker.solution import Solution, Status
+from star_tracker.spherical import Floats
 from star_tracker.tracker import StarTracker
-from star_tracker.verification import Identification
 
-_QUEUE_DEPTH = 50
-_LOOK_AT_WAITING_S = 0.01
+#: Shortest time between two frames that are tried for a hint, s, and longest time for one, ms.
+_HINT_S, _HINT_MS = 2.0, 100.0
+#: The share of the deadline after which such a frame is given up, if the one before was unsolved.
+_HINT_AFTER = 0.75
 
 
 class IdentifyNode(Node):
@@ -45,145 +51,121 @@ class IdentifyNode(Node):
         super().__init__("identify_node", **node_options)
         #: Frames that were not searched, by reason.
         self.rejected: Counter[str] = Counter()
-        self._feed = CameraFeed()
-        self._waiting: deque[tuple[PointCloud2, float]] = deque()
+        self._hinted_s, self._in_trouble = -_HINT_S, False
         try:
-            self._configure(declare(self, IDENTIFY_PARAMETERS))
+            self._configuration = Configuration.of(declare(self, IDENTIFY_PARAMETERS))
+            database = self._configuration.build_database()
+            started = time.perf_counter()
+            self._apply(self._configuration, database)
         except ValueError as error:
             self.destroy_node()
             raise ParameterError(str(error)) from error
-        self._advertise()
-        self._listen()
+        self.get_logger().info(
+            f"solver compiled or loaded from its cache in {time.perf_counter() - started:.1f} s"
+        )
+        self._runtime = RuntimeParameters(self, self._configuration, database, self._apply)
+        p = self._configuration.values
+        self._watch = FocalLengthWatch(self, p["calibrate_focal_length"])
+        self._outputs = Outputs(self, p["reference_frame"], p["camera_frame"])
+        self._health = Health(time.monotonic())
+        HealthReport(self, self._statuses)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self._intake = Intake(
+            self, lambda: self._configuration, self._identify, self._reject
+        )
 
-    def _configure(self, p: dict[str, Any]) -> None:
-        self._settled = p
-        catalog = StarCatalog.named(
-            p["catalog"], limiting_magnitude=p["limiting_magnitude"],
-            min_separation_deg=p["min_separation_deg"], epoch=p["epoch"],
-        )
-        self._database = FeatureDatabase.build(
-            catalog, max_separation_deg=p["max_separation_deg"]
-        )
-        self._settings = SolveSettings(
-            method=p["method"],
-            match_group=MatchGroupSettings(pair_tolerance_px=p["pair_tolerance_px"]),
-            displaced_gate_px=p["displaced_gate_px"],
-            max_log10_false_alarms=p["max_log10_false_alarms"],
-            deadline_ms=p["deadline_ms"], max_centroids=p["max_centroids"],
-        )
-        for name in ("cx_px", "cy_px"):
-            if -1 < p[name] < 0:
-                raise ParameterError(f"parameter {name} is {p[name]:g}: it must be -1 or >= 0 px")
-        camera = Camera.from_fov(
-            p["fov_deg"], p["width_px"], p["height_px"], parity=p["parity"],
-            cx_px=None if p["cx_px"] < 0 else p["cx_px"],
-            cy_px=None if p["cy_px"] < 0 else p["cy_px"],
-        )
-        self._tracker = StarTracker(self._database, camera, self._settings)
+    def destroy_node(self) -> None:
+        """End the node, and before it a database that is being built."""
+        if hasattr(self, "_runtime"):
+            self._runtime.finish()
+        super().destroy_node()
+
+    def set_parameters_atomically(self, parameter_list: list[Any]) -> SetParametersResult:
+        """Set all parameters or none; unlike rclpy's own, name those that do not exist."""
+        unknown = [p.name for p in parameter_list if not self.has_parameter(p.name)]
+        if unknown:
+            return SetParametersResult(
+                successful=False, reason=f"there is no parameter {', '.join(unknown)}"
+            )
+        return super().set_parameters_atomically(parameter_list)
+
+    def _apply(self, configuration: Configuration, database: FeatureDatabase) -> None:
+        """Work with this configuration from now on. Raises ValueError and keeps the old one."""
+        self._tracker = configuration.tracker(database)
+        self._configuration, self._database = configuration, database
+        if database.cache_note:
+            self.get_logger().warning(database.cache_note)
+        p = configuration.values
+        self._predictor = Predictor(p["tracking_max_age_s"])
         source = "camera_info" if p["use_camera_info"] else (
             f"{p['fov_deg']:g} deg over {p['width_px']} px"
         )
         self.get_logger().info(
-            f"ready: {catalog.description}, {self._database.pairs.n_pairs} pairs, "
-            f"camera {source}, parity {p['parity']}"
+            f"ready: {database.catalog.description}, {database.pairs.n_pairs} pairs, "
+            f"camera {source}, parity {p['parity']}, configuration {configuration.digest}"
         )
 
-    def _advertise(self) -> None:
-        self._attitude = self.create_publisher(QuaternionStamped, "attitude", _QUEUE_DEPTH)
-        self._boresight = self.create_publisher(Vector3Stamped, "boresight_deg", _QUEUE_DEPTH)
-        self._stars = self.create_publisher(PointCloud2, "identified_stars", _QUEUE_DEPTH)
-        self._solution = self.create_publisher(DiagnosticArray, "solution", _QUEUE_DEPTH)
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._predictor.reset()
+        response.success, response.message = True, "the next frame is searched lost in space"
+        return response
 
-    def _listen(self) -> None:
-        if self._settled["use_camera_info"]:
-            self._subscribe(CameraInfo, "camera_info", self._on_camera_info)
-            self.create_timer(_LOOK_AT_WAITING_S, self._serve_waiting)
-        self._subscribe(PointCloud2, "centroids", self._on_centroids)
-
-    def _subscribe(self, kind: Any, topic: str, callback: Callable[[Any], None]) -> None:
-        """Subscribe so that reliable and best-effort publishers both connect.
-
-        BEST_AVAILABLE is settled when the subscription is made, as RELIABLE where no publisher is
-        known yet. A best-effort publisher that appears later does not match then, but announces
-        itself as incompatible; subscribing again settles it anew, with that publisher known.
-        """
-
-        def subscribe_again(_: Any) -> None:
-            self.get_logger().info(f"{topic}: subscribing again for a best-effort publisher")
-            self.destroy_subscription(subscription)
-            self._subscribe(kind, topic, callback)
-
-        qos = QoSProfile(depth=_QUEUE_DEPTH, reliability=ReliabilityPolicy.BEST_AVAILABLE)
-        events = SubscriptionEventCallbacks(incompatible_qos=subscribe_again)
-        subscription = self.create_subscription(
-            kind, topic, callback, qos, event_callbacks=events
-        )
-
-    def _on_camera_info(self, message: CameraInfo) -> None:
+    def _identify(self, frame: Frame, camera: Camera) -> None:
         try:
-            camera = camera_from_info(message, self._settled["parity"])
+            self._solve(frame, camera)
         except MessageError as error:
-            self.rejected["camera_info"] += 1
-            self.get_logger().error(str(error), throttle_duration_sec=1.0)
-            return
-        self._feed.announce(nanoseconds_from_header(message.header), camera)
-        self._serve_waiting()
+            self._reject(frame, "malformed_cloud", str(error))
+        except Exception as error:  # one frame must not end the node
+            self._reject(frame, "internal_error", f"{type(error).__name__}: {error}")
 
-    def _on_centroids(self, message: PointCloud2) -> None:
-        if not self._settled["use_camera_info"]:
-            self._identify(message, self._tracker.camera)
-            return
-        self._waiting.append((message, time.monotonic()))
-        self._serve_waiting()
-
-    def _serve_waiting(self) -> None:
-        """Identify the frames whose camera is known, in order; give up on waiting in time."""
-        patience = self._settled["camera_info_wait_ms"] / 1e3
-        while self._waiting:
-            message, arrived = self._waiting[0]
-            stamp = nanoseconds_from_header(message.header)
-            camera = self._feed.settled(stamp)
-            if camera is None:
-                if time.monotonic() - arrived < patience:
-                    return
-                camera = self._feed.best(stamp)
-            self._waiting.popleft()
-            if camera is None:
-                self._reject(
-                    message.header, "camera_info_missing",
-                    "no CameraInfo was received for this frame: publish it on camera_info with "
-                    "the frame's stamp or an earlier one, or set use_camera_info to false",
-                )
-            else:
-                self._identify(message, camera)
-
-    def _identify(self, message: PointCloud2, camera: Camera) -> None:
-        try:
-            centroids = centroids_from_cloud(message)
-        except MessageError as error:
-            self._reject(message.header, "malformed_cloud", str(error))
-            return
+    def _solve(self, frame: Frame, camera: Camera) -> None:
+        """Take one frame the whole way. Raises MessageError where it cannot be read."""
+        p = self._configuration.values
+        centroids = centroids_from_cloud(frame.message)
+        stamp = frame.stamp_ns
+        if camera.parity != p["parity"]:  # changed since the camera was announced
+            camera = camera.with_parity(p["parity"])
+        camera = self._watch.camera(camera)
         if camera != self._tracker.camera:
-            self._tracker = StarTracker(self._database, camera, self._settings)
-        solution = self._tracker.solve(centroids.xy_px)
-        self._report(solution)
-        self._publish(solution, message.header)
-        frame_id = self._settled["camera_frame"] or message.header.frame_id
-        header = Header(stamp=message.header.stamp, frame_id=frame_id)
-        self._stars.publish(
-            cloud_from_identification(
-                solution.identification, centroids.xy_px, self._database.catalog, header
+            self._tracker = StarTracker(
+                self._database, camera, self._configuration.settings
             )
-        )
-
-    def _publish(self, solution: Solution, header: Header) -> None:
+        predicted = self._predictor.predict(stamp) if p["mode"] == "auto" else None
+        due = self._in_trouble and time.monotonic() - self._hinted_s >= _HINT_S
+        tracker = self._hurried(camera) if due else self._tracker
+        solution = tracker.solve(centroids.xy_px, centroids.intensity, predicted=predicted)
         if solution.attitude is not None:
-            reference = Header(stamp=header.stamp, frame_id=self._settled["reference_frame"])
-            self._attitude.publish(quaternion_from_attitude(solution.attitude, reference))
-            self._boresight.publish(boresight_from_attitude(solution.attitude, reference))
-        self._solution.publish(diagnostics_from_solution(solution, self.get_name(), header))
+            self._predictor.add(stamp, solution.attitude.quaternion_xyzw)
+        catalog = self._database.catalog
+        self._watch.learn(camera, solution, centroids.xy_px, catalog)
+        self._complain(solution)
+        self._outputs.publish(
+            solution, frame.header, self._hint(camera, solution, centroids.xy_px)
+        )
+        self._outputs.publish_stars(solution, centroids.xy_px, catalog, frame.header)
+        if p["publish_markers"]:
+            self._outputs.publish_markers(solution, camera, catalog, frame.header)
+        self._record(frame, solution)
 
-    def _report(self, solution: Solution) -> None:
+    def _hint(self, camera: Camera, solution: Solution, xy_px: Floats) -> str:
+        """Return what would solve a frame, or solve it better, in what is left of its deadline."""
+        self._in_trouble = solution.status in (Status.NO_MATCH, Status.TIMEOUT)
+        settings, now = self._configuration.settings, time.monotonic()
+        if now - self._hinted_s < _HINT_S or not wants_hint(solution):
+            return ""
+        left_ms = min(settings.deadline_ms - solution.solve_ms, _HINT_MS)
+        if left_ms > 0:
+            self._hinted_s = now
+        return hint(self._database, (camera, settings), xy_px, solution, left_ms)
+
+    def _hurried(self, camera: Camera) -> StarTracker:
+        """Return a tracker that leaves time for a hint: an empty sky takes the whole deadline."""
+        settings = self._configuration.settings
+        shorter = replace(settings, deadline_ms=_HINT_AFTER * settings.deadline_ms)
+        return StarTracker(self._database, camera, shorter)
+
+    def _complain(self, solution: Solution) -> None:
+        """Count and log what was wrong with a frame that could be read."""
         if solution.status is Status.BAD_INPUT:
             self.rejected["bad_centroids"] += 1
             self.get_logger().error(solution.reason, throttle_duration_sec=1.0)
@@ -195,12 +177,50 @@ class IdentifyNode(Node):
                 throttle_duration_sec=1.0,
             )
 
-    def _reject(self, header: Header, kind: str, reason: str) -> None:
-        """Count a frame that cannot be used and say why, in the log and to the subscribers."""
+    def _reject(self, frame: Frame | None, kind: str, reason: str) -> None:
+        """Count what cannot be used and say why, in the log and for a frame to the subscribers."""
         self.rejected[kind] += 1
         self.get_logger().error(reason, throttle_duration_sec=1.0)
-        nothing = Identification.empty(0)
-        self._publish(Solution(Status.BAD_INPUT, reason, nothing), header)
+        if frame is None:
+            return
+        solution = Solution(Status.BAD_INPUT, reason, Identification.empty(0))
+        self._outputs.publish(solution, frame.header)
+        self._record(frame, solution)
+
+    def _record(self, frame: Frame, solution: Solution) -> None:
+        """Enter a frame that has been answered into the health statistics."""
+        now = time.monotonic()
+        state = solution.identification.state
+        age_s = input_age_s(frame.stamp_ns, self.get_clock().now().nanoseconds)
+        self._health.add(FrameRecord(
+            solution.attitude is not None, f"{solution.status.value}: {solution.reason}",
+            solution.mode, 1e3 * (now - frame.received_s), age_s, len(state),
+            int((state == StarState.UNIDENTIFIED).sum()),
+        ), now)
+
+    def _statuses(self) -> Iterator[DiagnosticStatus]:
+        """Yield what /diagnostics carries."""
+        self._health.n_dropped = self._intake.n_dropped
+        level, message, values = self._health.report(self.rejected, time.monotonic())
+        values |= {
+            "catalog": self._database.catalog.description,
+            "configuration": self._configuration.digest,
+            "version": _version(),
+        }
+        name = self.get_fully_qualified_name()
+        yield status_from_health(f"{name}: health", level, message, values)
+        focal_length = self._watch.status()
+        if focal_length is not None:
+            yield focal_length
+
+
+@cache
+def _version() -> str:
+    """Return the installed package's version."""
+    try:
+        return version("star_tracker")
+    except PackageNotFoundError:  # run from a checkout
+        return "not installed"
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -2,12 +2,12 @@
 
 A value of a wrong type or out of range raises ParameterError, whose text is one line that names
 the parameter and what is allowed. An integer is accepted for a floating-point parameter: leaving
-out the decimal point is the commonest mistake in a YAML file.
+out the decimal point is the commonest mistake in a YAML file. So is a false for the choice `off`.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -17,6 +17,8 @@ from rclpy.node import Node
 from star_tracker.camera import FOV_RANGE_DEG, PARITIES
 from star_tracker.catalog import CATALOGS, EPOCH_RANGE, LIMITING_MAGNITUDE_RANGE
 from star_tracker.database import DEFAULT_MAX_SEPARATION_DEG, MAX_SEPARATION_RANGE_DEG
+from star_tracker.focal_length import MODES as FOCAL_LENGTH_MODES
+from star_tracker.prediction import PREDICTION_MODES
 from star_tracker.solution import METHODS
 
 
@@ -35,6 +37,7 @@ class Parameter:
         unit: of the value, empty where it has none.
         allowed: lowest and highest value of a number, or of each number of a list.
         choices: allowed words of a text.
+        fixed: whether it cannot change while the node runs.
     """
 
     name: str
@@ -43,13 +46,14 @@ class Parameter:
     unit: str = ""
     allowed: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
+    fixed: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
-        """Describe the parameter for `ros2 param describe`; it is fixed once the node runs."""
+        """Describe the parameter for `ros2 param describe`."""
         unit = f" [{self.unit}]" if self.unit else ""
         descriptor = ParameterDescriptor(
             name=self.name, description=f"{self.description}{unit}",
-            additional_constraints=self._constraint(), read_only=True,
+            additional_constraints=self._constraint(), read_only=self.fixed,
             # The type is checked below, where an int may stand for a float.
             dynamic_typing=True,
         )
@@ -75,6 +79,8 @@ class Parameter:
     def _checked_item(self, item: Any, kind: type, shown: Any) -> Any:
         if kind is float and type(item) is int:
             item = float(item)
+        if item is False and "off" in self.choices:  # YAML reads off without quotes as false
+            item = "off"
         if type(item) is not kind:
             raise self.error(shown)
         if kind in (int, float):
@@ -119,7 +125,8 @@ IDENTIFY_PARAMETERS = (
         choices=PARITIES,
     ),
     Parameter(
-        "use_camera_info", False, "take camera and size from camera_info, not from parameters"
+        "use_camera_info", False, "take camera and size from camera_info, not from parameters",
+        fixed=True,
     ),
     Parameter(
         "camera_info_wait_ms", 100.0, "longest wait of a frame for its camera_info", "ms",
@@ -135,16 +142,38 @@ IDENTIFY_PARAMETERS = (
         "tolerances of a star pair's separation, tried in turn", "px", (0.01, 100.0),
     ),
     Parameter(
+        "centroid_sigma_px", 0.0, "noise of a centroid along each axis; 0 = find out", "px",
+        (0.0, 100.0),
+    ),
+    Parameter(
         "displaced_gate_px", 40.0,
         "farthest that a displaced star may lie from its place; 0 = label none", "px",
         (0.0, 1000.0),
     ),
     Parameter(
-        "max_log10_false_alarms", -4.0,
+        "max_log10_false_alarms", -3.0,
         "accept a solution whose log10 of expected false alarms is below", "", (-100.0, 0.0),
+    ),
+    Parameter(
+        "calibrate_focal_length", "off",
+        "estimate the focal length from solved frames: report it, or apply it to later frames too",
+        choices=FOCAL_LENGTH_MODES, fixed=True,
+    ),
+    Parameter(
+        "mode", "auto",
+        "auto: after a fix try the predicted attitude first; lost_in_space: never",
+        choices=PREDICTION_MODES,
+    ),
+    Parameter(
+        "tracking_max_age_s", 2.0, "oldest fix from which an attitude is predicted", "s",
+        (0.0, 3600.0),
     ),
     Parameter("deadline_ms", 200.0, "give up on a frame after this time", "ms", (0.1, 60000.0)),
     Parameter("max_centroids", 1000, "refuse a frame with more centroids", "", (4, 10000)),
+    Parameter(
+        "queue_depth", 10, "frames that wait at most; the oldest ones are dropped", "", (1, 1000),
+        fixed=True,
+    ),
     Parameter(
         "catalog", "paper", "paper: the 4908 numbered stars; hipparcos: for real skies",
         choices=CATALOGS,
@@ -165,11 +194,14 @@ IDENTIFY_PARAMETERS = (
         "max_separation_deg", DEFAULT_MAX_SEPARATION_DEG,
         "largest separation of a guide-star pair", "deg", MAX_SEPARATION_RANGE_DEG,
     ),
-    Parameter("reference_frame", "icrs", "frame_id of the attitude"),
-    Parameter("camera_frame", "", "frame_id of the stars; empty = that of the centroids"),
+    Parameter("reference_frame", "icrs", "frame_id of the attitude", fixed=True),
+    Parameter(
+        "camera_frame", "", "frame_id of the stars; empty = that of the centroids", fixed=True
+    ),
+    Parameter("publish_markers", False, "publish markers for RViz and Foxglove"),
 )
 
-REPLAY_PARAMETERS = (
+_OF_REPLAY = (
     Parameter("maps", (1, 2, 3, 4, 5, 6, 7, 8), "numbers of the star maps, in order", "", (1, 8)),
     Parameter("folder", "", "folder with map1.csv ... map8.csv; empty = the shipped maps"),
     Parameter("rate_hz", 10.0, "frames per second", "Hz", (0.001, 10000.0)),
@@ -183,6 +215,7 @@ REPLAY_PARAMETERS = (
     ),
     Parameter("camera_frame", "camera", "frame_id of the frames"),
 )
+REPLAY_PARAMETERS = tuple(replace(parameter, fixed=True) for parameter in _OF_REPLAY)
 
 
 def declare(node: Node, parameters: Sequence[Parameter]) -> dict[str, Any]:

@@ -1,0 +1,130 @@
+"""Is the node well? Rolling statistics of its frames, in plain Python."""
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+#: The sliding window of rates, ratios and latencies, s, and the most frames that it holds.
+WINDOW_S = 10.0
+_MOST_FRAMES = 10_000
+#: An input whose stamp is farther than this from now, or in the future, is of another clock, s.
+_OLDEST_S, _YOUNGEST_S = 60.0, -0.001
+#: Below this share of solved frames the node warns.
+_GOOD_RATIO = 0.5
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """How one frame went.
+
+    Attributes:
+        solved: whether it has an attitude.
+        reason: status and sentence of how it ended.
+        mode: how the solution was come by, empty where there is none.
+        latency_ms: from reception to the last publication.
+        age_s: from the frame's stamp to its reception; None where that makes no sense.
+        n_stars: centroids of the frame.
+        n_false: those of them that were not recognised.
+    """
+
+    solved: bool
+    reason: str
+    mode: str
+    latency_ms: float
+    age_s: float | None
+    n_stars: int
+    n_false: int
+
+
+def input_age_s(stamp_ns: int, now_ns: int) -> float | None:
+    """Return the time from a stamp to now; None where the two clocks do not fit."""
+    age_s = (now_ns - stamp_ns) / 1e9
+    return age_s if stamp_ns > 0 and _YOUNGEST_S <= age_s <= _OLDEST_S else None
+
+
+class Health:
+    """Counts frames and keeps those of the last seconds.
+
+    Times are seconds of a clock that never goes back, as `time.monotonic`.
+
+    Args:
+        started_s: when the node began to listen.
+    """
+
+    def __init__(self, started_s: float) -> None:
+        self._started_s = started_s
+        self._frames: deque[tuple[float, FrameRecord]] = deque(maxlen=_MOST_FRAMES)
+        self._last: FrameRecord | None = None
+        self._last_failure = ""
+        self.n_frames = self.n_solved = self.n_dropped = 0
+
+    def add(self, record: FrameRecord, now_s: float) -> None:
+        """Take in a frame that was answered."""
+        self._frames.append((now_s, record))
+        self._last = record
+        self.n_frames += 1
+        self.n_solved += record.solved
+        if not record.solved:
+            self._last_failure = record.reason
+
+    def report(self, rejected: Counter[str], now_s: float) -> tuple[str, str, dict[str, object]]:
+        """Return level (`ok`, `warn`, `error`), a sentence and values by key.
+
+        Args:
+            rejected: frames and centroids that could not be used, by reason.
+            now_s: the time.
+        """
+        since_s = max(now_s - WINDOW_S, self._started_s)
+        if len(self._frames) == self._frames.maxlen:
+            since_s = max(since_s, self._frames[0][0])
+        while self._frames and self._frames[0][0] < since_s:
+            self._frames.popleft()
+        frames = [record for _, record in self._frames]
+        solved = [record for record in frames if record.solved]
+        # A window that has just begun is no base for a rate.
+        span_s = max(now_s - since_s, 1.0)
+        latency = sorted(record.latency_ms for record in frames)
+        n_stars = sum(record.n_stars for record in solved)
+        ratio = len(solved) / len(frames) if frames else None
+        values: dict[str, object] = {
+            "frames_per_s": len(frames) / span_s,
+            "solved_per_s": len(solved) / span_s,
+            "solve_ratio": ratio,
+            "latency_p50_ms": quantile(latency, 0.50),
+            "latency_p95_ms": quantile(latency, 0.95),
+            "latency_max_ms": quantile(latency, 1.0),
+            "input_age_s": self._last.age_s if self._last else None,
+            "false_star_ratio": (
+                sum(record.n_false for record in solved) / n_stars if n_stars else None
+            ),
+            "frames": self.n_frames,
+            "solved": self.n_solved,
+            "dropped": self.n_dropped,
+            "mode": (self._last.mode if self._last else "") or None,
+            "last_reason": self._last_failure or None,
+            **{f"rejected_{kind}": count for kind, count in sorted(rejected.items())},
+        }
+        return *self._verdict(frames, ratio), values
+
+    def _verdict(self, frames: Sequence[FrameRecord], ratio: float | None) -> tuple[str, str]:
+        if ratio is None:
+            return "warn", f"no frame in the last {WINDOW_S:g} s"
+        found = f"{round(100 * ratio)} % of {len(frames)} frames solved"
+        if ratio == 0:
+            return "error", f"{found}, the last: {self._last_failure}"
+        if ratio < _GOOD_RATIO:
+            return "warn", f"{found}, the last that was not: {self._last_failure}"
+        return "ok", found
+
+
+def quantile(ascending: Sequence[float], share: float) -> float | None:
+    """Return the value below or at which a share of the values lies (nearest rank); None = none.
+
+    Args:
+        ascending: the values, sorted.
+        share: above 0, up to 1.
+    """
+    if not ascending:
+        return None
+    rank = -(-round(share * len(ascending) * 1e9) // 10**9)  # rounded up, but not for a last digit
+    return ascending[max(rank, 1) - 1]
