@@ -147,12 +147,14 @@ def _tried(before: Floats, now: Floats, place: int, n: int) -> bool:
 @compiled
 def certain(progress: Progress, limits: Floats, n: int) -> bool:
     """Return whether the best pose is certain, or enough and better than the next many."""
+    # A true pose of many stars has much evidence: one with little may rest on a part of them only,
+    # a cluster in a corner above all, and be off. Such a one has to outlast the whole search.
     score, matched = progress.score[0], progress.counts[5]
-    # A true pose of many stars has much evidence: one with little may be a part of it, and off.
     needed = max(limits[0], _NEEDED_A_STAR * n)
-    if score > _BEYOND_DOUBT or (score > needed and 2 * matched >= n):
+    if score > max(_BEYOND_DOUBT, needed) or (score > needed and 2 * matched >= n):
         return True
-    return score > limits[1] and progress.counts[4] > limits[2]
+    enough = max(limits[1], 0.5 * _NEEDED_A_STAR * n)
+    return score > enough and progress.counts[4] > limits[2]
 
 
 @compiled
@@ -229,7 +231,8 @@ def _try_cell(
         progress.counts[3] += 1
         keep(progress, score, matches.settled[0], tolerance_px, room.rotation)
         # Noise larger than the tolerance leaves part of the true stars out: look farther.
-        if _PROMISING < score < _BEYOND_DOUBT and tolerance_px < _LOOK_FARTHER_PX:
+        doubtful = score < max(_BEYOND_DOUBT, _NEEDED_A_STAR * len(frame.vectors))
+        if score > _PROMISING and doubtful and tolerance_px < _LOOK_FARTHER_PX:
             score = judge(sky, frame, _LOOK_FARTHER_PX, room.rotation, matches)
             keep(progress, score, matches.settled[0], _LOOK_FARTHER_PX, room.rotation)
 
