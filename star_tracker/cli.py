@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from star_tracker import boresight_command, calibrate_command, compare, geometry_command
+from star_tracker.commands import boresight, calibrate, compare, geometry
 
 #: Each command: its module, its line of help and what it says of itself.
 COMMANDS = {
@@ -14,17 +14,17 @@ COMMANDS = {
         "missing and false stars.",
     ),
     "boresight": (
-        boresight_command, "boresight of a star map from three stars",
+        boresight, "boresight of a star map from three stars",
         "Boresight from three stars and their distances from the image's centre, with known "
         "focal length by two methods and with unknown focal length (docs/boresight.md).",
     ),
     "calibrate": (
-        calibrate_command, "focal length and lens from the stars of a star map",
+        calibrate, "focal length and lens from the stars of a star map",
         "Focal length, and where the data support them principal point and radial distortion, "
         "by joint least squares over all matched stars of a star map.",
     ),
     "geometry": (
-        geometry_command, "which stars of a star map fix the boresight best",
+        geometry, "which stars of a star map fix the boresight best",
         "Error factor K, tetrahedron volume and predicted boresight error of all triples of a "
         "star map, and the predicted errors of the attitude from all stars.",
     ),

@@ -9,7 +9,7 @@ import pytest
 
 from star_tracker import cli
 from star_tracker.catalog import StarCatalog
-from star_tracker.compare import contestants, run, table
+from star_tracker.commands.compare import contestants, run, table
 from star_tracker.database import FeatureDatabase
 from star_tracker.evaluation import CAMERAS, CONDITIONS, Condition, Score, frames
 

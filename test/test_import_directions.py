@@ -49,10 +49,6 @@ ROOMS = {
     "star_maps": {"attitude", "camera", "catalog", "resources", "spherical"},
     "attachments": {"camera", "catalog", "spherical", "star_maps"},
     "evaluation": {"camera", "catalog", "solution", "spherical", "star_maps", "tracker"},
-    "compare": {
-        "camera", "catalog", "database", "evaluation", "match_group", "radial_cyclic", "solution",
-        "star_maps", "tracker",
-    },
     "three_star": {"camera", "spherical"},
     "error_propagation": {"spherical", "three_star"},
     "calibration": {"attitude", "camera", "distortion", "spherical", "wahba"},
@@ -62,28 +58,20 @@ ROOMS = {
     "focal_length": {"calibration", "camera", "spherical"},
     "prediction": {"spherical"},
     "hints": {"calibration", "camera", "database", "solution", "spherical", "tracker"},
-    "command_options": set(),
-    "boresight_command": {
-        "command_options", "error_propagation", "matched_map", "spherical", "three_star",
-    },
-    "calibrate_command": {
-        "calibration", "camera", "command_options", "error_propagation", "matched_map",
-    },
-    "geometry_command": {
-        "attitude", "command_options", "error_propagation", "matched_map", "spherical",
-        "three_star", "wahba",
-    },
-    "cli": {"boresight_command", "calibrate_command", "compare", "geometry_command"},
+    "cli": {"commands"},
 }
 #: What the core may import from elsewhere, beside the standard library.
 LIBRARIES = {"numpy", "scipy"}
-#: Imports of single rooms: only for users of the contest's own files, and of the command line.
-COMMANDS = (
-    "boresight_command", "calibrate_command", "command_options", "compare", "geometry_command",
-)
-OPTIONAL = {
-    "attachments": {"xlrd"}, "compiled": {"numba"},
-    **{command: {"rich"} for command in COMMANDS},
+#: Imports of single rooms: only for users of the contest's own files.
+OPTIONAL = {"attachments": {"xlrd"}, "compiled": {"numba"}}
+#: The commands may import all of the core, `options` and, each, these libraries.
+COMMANDS = {
+    "__init__": set(),
+    "options": {"rich"},
+    "boresight": {"rich"},
+    "calibrate": {"rich"},
+    "compare": {"rich"},
+    "geometry": {"rich"},
 }
 ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros", "msg_adapters"}
 
@@ -129,6 +117,16 @@ def test_every_module_of_the_core_has_its_room():
 @named([path for path in modules(CORE) if path.stem in ROOMS])
 def test_a_module_imports_only_the_rooms_it_may(source):
     assert rooms_of(imports(source)) <= ROOMS[source.stem]
+
+
+@named(modules(CORE / "commands"))
+def test_a_command_imports_the_core_and_its_own_libraries(source):
+    names = imports(source)
+    others = tops_of(names) - sys.stdlib_module_names - {"star_tracker"}
+    assert others <= LIBRARIES | COMMANDS[source.stem]
+    assert rooms_of(names) <= set(ROOMS) - {"cli"} | {"commands"}
+    commands = {name.split(".")[2] for name in names if name.startswith("star_tracker.commands.")}
+    assert commands <= {"options"}
 
 
 @named(modules(CORE))

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from star_tracker import matched_map
 from star_tracker.attitude import covariance
-from star_tracker.command_options import (
+from star_tracker.commands.options import (
     ARCSEC_PER_RAD,
     Record,
     add_map_arguments,

@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from star_tracker import matched_map
-from star_tracker.command_options import (
+from star_tracker.commands.options import (
     ARCSEC_PER_RAD,
     Record,
     add_focal_length_argument,

@@ -9,7 +9,7 @@ from rich.table import Table
 from star_tracker import matched_map
 from star_tracker.calibration import TERMS, Calibration, calibrate
 from star_tracker.camera import Camera
-from star_tracker.command_options import (
+from star_tracker.commands.options import (
     Record,
     add_focal_length_argument,
     add_map_arguments,

@@ -1,0 +1,1 @@
+"""The commands `star_tracker ...`, a module each. No ROS is needed for them."""
