@@ -187,6 +187,29 @@ def test_signal_at_any_stage_of_the_start(module, owner, name, number):
     assert "FATAL" not in messages
 
 
+#: A node that is refused, with a signal's handler that shuts down just when the node does.
+SHUT_DOWN_TWICE = """
+import sys
+import rclpy
+from star_tracker.nodes import replay_node
+def both():
+    context = rclpy.get_default_context()
+    context.shutdown()
+    context.shutdown()
+rclpy.try_shutdown = both
+sys.exit(replay_node.main(["--ros-args", "-p", "rate_hz:=-1.0"]))
+"""
+
+
+def test_shutdown_that_comes_second():
+    with start(["-c", SHUT_DOWN_TWICE]) as process:
+        try:
+            code, messages = ended(process)
+        finally:
+            process.kill()
+    assert_refused(code, messages, "rate_hz")
+
+
 @SIGNALS
 def test_signal_to_an_idle_node(number):
     with running(IDENTIFY, "/idle", MAPS) as process:

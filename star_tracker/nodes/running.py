@@ -45,8 +45,18 @@ def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) 
     finally:
         if node is not None:
             node.destroy_node()
-        rclpy.try_shutdown()
+        _shut_down()
     return 0
+
+
+def _shut_down() -> None:
+    """Shut down rclpy, unless its handler of signals has done so or does so just now."""
+    try:
+        rclpy.try_shutdown()
+    except RCLError:
+        # The handler's thread came between rclpy's question and its act.
+        if rclpy.ok():
+            raise
 
 
 def _refuse(name: str, error: Exception) -> int:
