@@ -43,6 +43,10 @@ $(ready)-lint: requirements/lint.txt $(ready)
 	sh requirements/install.sh --lint "$(VENV)"
 	touch $@
 
+$(ready)-docs: requirements/docs.txt $(ready)
+	sh requirements/install.sh --docs "$(VENV)"
+	touch $@
+
 $(ready)-benchmark: requirements/benchmark.txt $(ready)
 	sh requirements/install.sh --benchmark "$(VENV)"
 	touch $@

@@ -28,9 +28,13 @@ setup(
         "attachments": ["xlrd>=2"],
         # ruststartracker needs typing-extensions without saying so.
         "benchmark": [
-            "tetra3rs>=0.14", "ruststartracker>=0.2.10", "typing-extensions", "matplotlib>=3.8",
+            "tetra3rs>=0.14", "ruststartracker>=0.2.10", "typing-extensions", "matplotlib>=3.6",
         ],
-        "test": ["pytest<9", "hypothesis"],
+        "dask": ["distributed>=2024"],
+        "docs": ["sphinx", "myst-parser", "furo"],
+        "plot": ["matplotlib>=3.6"],
+        "report": ["matplotlib>=3.6", "joblib>=1.3", "jinja2>=3.1", "PyYAML"],
+        "test": ["pytest<9", "hypothesis", "coverage>=7.10", "playwright"],
     },
     entry_points={
         "console_scripts": [

@@ -2,6 +2,7 @@
 # Makes the virtual environment that the Makefile runs everything in.
 #   install.sh PYTHON VENV sourced|wheels [CONSTRAINTS]   what the package and its tests need
 #   install.sh --lint VENV                                what `make lint` needs, on top
+#   install.sh --docs VENV                                what `make docs` needs, on top
 #   install.sh --benchmark VENV                           what `make benchmark` needs, on top
 set -eu
 cd "$(dirname "$0")/.."
@@ -24,11 +25,17 @@ if [ "$1" = --lint ]; then
     exit 0
 fi
 
+if [ "$1" = --docs ]; then
+    venv=$2
+    install "sphinx, myst-parser and furo" --require-hashes -r requirements/docs.txt
+    exit 0
+fi
+
 if [ "$1" = --benchmark ]; then
     venv=$2
     echo "Installing the star identifiers to compare with (pinned by hash; 100 MB) ..."
     # Without dependencies: one peer asks for an older numpy than it needs, see benchmark.in.
-    install "tetra3rs, ruststartracker and matplotlib" \
+    install "tetra3rs and ruststartracker" \
         --no-deps --require-hashes -r requirements/benchmark.txt
     exit 0
 fi
@@ -44,12 +51,13 @@ if [ "$ros" = sourced ]; then site=--system-site-packages; else site=; fi
     fail "$python cannot make a virtual environment: apt install python3-venv"
 
 if [ "$ros" = sourced ] || [ -n "$constraints" ]; then
-    echo "Installing numpy, scipy, numba and pytest ..."
-    install "numpy, scipy, numba, pytest, xlrd and setuptools" ${constraints:+-c "$constraints"} \
-        numpy scipy numba rich "pytest<9" hypothesis xlrd PyYAML "setuptools>=70.1,<80" wheel
+    echo "Installing numpy, scipy, numba, matplotlib and pytest ..."
+    install "the Python libraries" ${constraints:+-c "$constraints"} \
+        numpy scipy numba rich matplotlib joblib jinja2 PyYAML distributed \
+        "pytest<9" coverage playwright hypothesis xlrd "setuptools>=70.1,<80" wheel
 else
-    echo "Installing numpy, scipy, numba and pytest (pinned by hash) ..."
-    install "numpy, scipy, numba, pytest, xlrd and setuptools" --require-hashes -r requirements/python.txt
+    echo "Installing numpy, scipy, numba, matplotlib and pytest (pinned by hash) ..."
+    install "the Python libraries" --require-hashes -r requirements/python.txt
 fi
 if [ "$ros" = wheels ]; then
     echo "Installing ROS 2 Jazzy's rclpy and common_interfaces (pinned by hash) ..."
