@@ -45,8 +45,6 @@ FLOOD_HZ, FLOOD_S = 1000.0, 30.0
 #: Bounds: attitude error, memory after the first minute, latency, recovery, wait for the node.
 WRONG_RAD = float(np.radians(0.1))
 GROWTH_MB, P95_MS, RECOVERY_S, START_S = 5.0, 10.0, 1.0, 120.0
-#: Less than a frame's period: a faulty frame that is searched to the end holds up no later one.
-DEADLINE_MS = 15.0
 #: After the last frame, the longest wait for its answer.
 GRACE_S = 5.0
 MAPS = paper_maps((1, 2, 4, 5))
@@ -277,7 +275,7 @@ def main() -> int:
     options = parser.parse_args()
     process = subprocess.Popen(
         [sys.executable, "-m", "star_tracker.nodes.identify_node", "--ros-args", "--log-level",
-         "fatal", "-p", "parity:=mirrored", "-p", f"deadline_ms:={DEADLINE_MS}"], cwd=ROOT,
+         "fatal", "-p", "parity:=mirrored"], cwd=ROOT,
     )
     console = Console()
     try:

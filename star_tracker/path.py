@@ -75,13 +75,17 @@ class Search:
 
 @dataclass(slots=True)
 class FrameResult:
-    """One frame on its way: centroids, and labels and numbers that the compiled path writes."""
+    """One frame on its way: centroids, and labels and numbers that the compiled path writes.
+
+    `started` is the `time.perf_counter` of its coming, `deadline_ms` the time that it has.
+    """
 
     xy_px: Floats
     intensity: Floats
     identification: Identification
     numbers: Floats
     started: float
+    deadline_ms: float
 
     @property
     def n_ignored(self) -> int:

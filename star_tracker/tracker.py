@@ -121,6 +121,7 @@ class StarTracker:
         intensity: ArrayLike | None = None,
         *,
         predicted: Solution | Floats | None = None,
+        deadline_ms: float | None = None,
     ) -> Solution:
         """Identify centroids (n, 2), pixels, and determine the attitude.
 
@@ -129,12 +130,17 @@ class StarTracker:
         to ICRS or an earlier solution, is tried first (where the parity is known): what comes of
         it is held to the same evidence as anything else, and where it fails the search starts as
         if lost in space. Centroids that are not finite or lie outside of the image are left out
-        and counted. Raises ValueError only for an array of another shape.
+        and counted. A deadline, ms, holds for this frame instead of that of the settings. Raises
+        ValueError only for an array of another shape, and a deadline that is not above 0.
         """
         started = time.perf_counter()
         xy = np.asarray(xy_px, np.float64, order="C")
         if xy.ndim != 2 or xy.shape[1] != 2:
             raise ValueError(f"centroids have shape {xy.shape}: give an array (n, 2) of x, y")
+        if deadline_ms is None:
+            deadline_ms = self.settings.deadline_ms
+        elif not deadline_ms > 0:
+            raise ValueError(f"deadline_ms is {deadline_ms}: it must be greater than 0")
         n = len(xy)
         brightness = _UNKNOWN
         if intensity is not None:
@@ -147,7 +153,7 @@ class StarTracker:
         frame = FrameResult(
             xy, brightness,
             Identification(np.empty(n, np.int64), np.empty(n, np.uint8), np.empty(n)),
-            np.empty(NUMBERS), started,
+            np.empty(NUMBERS), started, deadline_ms,
         )
         first = self._searches[0]
         if predicted is not None and self._track(frame, predicted):
@@ -212,7 +218,7 @@ class StarTracker:
     def _persist(self, frame: FrameResult) -> Solution:
         """Search on, under both parities where that is asked for, then with the fallback."""
         asked = self._searches[: 2 if self.camera.parity == "auto" else 1]
-        deadline = frame.started + self.settings.deadline_ms / 1e3
+        deadline = frame.started + frame.deadline_ms / 1e3
         n_hypotheses = self._search_on(asked, frame, deadline) + _compared(asked)
         for one in asked:
             if one.code == SOLVED:
@@ -228,7 +234,7 @@ class StarTracker:
             in_time = in_time and status is not Status.TIMEOUT
         if not in_time:
             status = Status.TIMEOUT
-            reason = f"deadline {self.settings.deadline_ms:g} ms passed, {found}"
+            reason = f"deadline {frame.deadline_ms:g} ms passed, {found}"
         if status is not Status.SOLVED:
             return _unsolved(frame, status, reason, best.score, n_hypotheses)
         self._run(best, frame, LABEL)
@@ -246,7 +252,7 @@ class StarTracker:
         if self._methods[-1] == METHODS[0]:
             self._exhaust(asked, frame, deadline)
             return 0
-        share = _PRIMARY_SHARE * self.settings.deadline_ms / 1e3
+        share = _PRIMARY_SHARE * frame.deadline_ms / 1e3
         self._exhaust(asked, frame, frame.started + share)
         n_fallback = 0
         if max(one.score for one in asked) <= self._limits[1]:

@@ -25,7 +25,7 @@ from star_tracker.star_maps import paper_maps
 GOOD = paper_maps((1,))[0]
 QUEUE_DEPTH = next(p.default for p in IDENTIFY_PARAMETERS if p.name == "queue_depth")
 XY = GOOD.xy_px
-PARAMETERS = {"parity": "mirrored", "deadline_ms": 200.0}
+PARAMETERS = {"parity": "mirrored", "deadline_ms": 200.0, "keep_up": False}
 #: A published attitude may be off by this much, about any axis.
 LIMIT_RAD = np.radians(0.1)
 

@@ -187,6 +187,56 @@ def test_signal_at_any_stage_of_the_start(module, owner, name, number):
     assert "FATAL" not in messages
 
 
+#: A node that is still compiling, for as long as it takes, when a signal comes.
+SIGNAL_WHILE_COMPILING = """
+import os, sys, threading
+from star_tracker.nodes import identify_node as node_module
+def compiling(*_):
+    os.kill(os.getpid(), {number})
+    threading.Event().wait()
+node_module.IdentifyNode._apply = compiling
+sys.exit(node_module.main())
+"""
+
+
+@SIGNALS
+def test_signal_to_a_node_that_compiles(number):
+    with start(["-c", SIGNAL_WHILE_COMPILING.format(number=int(number))]) as process:
+        try:
+            code, messages = ended(process)
+        finally:
+            process.kill()
+    assert code == 0, messages
+    assert "Traceback" not in messages
+
+
+#: A node that gets a second signal while it ends, as below launch when Ctrl-C is typed.
+SIGNAL_TWICE = """
+import os, sys
+from star_tracker.nodes import identify_node as node_module
+end = node_module.IdentifyNode.destroy_node
+def again(node):
+    os.kill(os.getpid(), {number})
+    end(node)
+node_module.IdentifyNode.destroy_node = again
+sys.exit(node_module.main())
+"""
+
+
+@SIGNALS
+def test_second_signal_while_the_node_ends(number):
+    script = SIGNAL_TWICE.format(number=int(number))
+    with start(["-c", script], "/twice", MAPS) as process:
+        try:
+            wait_for_line(process, "ready: ")
+            process.send_signal(number)
+            code, messages = ended(process)
+        finally:
+            process.kill()
+    assert code == 0, messages
+    assert "Traceback" not in messages
+
+
 #: A node that is refused, with a signal's handler that shuts down just when the node does.
 SHUT_DOWN_TWICE = """
 import sys

@@ -23,7 +23,7 @@ FOV_DEG = float(np.degrees(2 * np.arctan(256 / (1.02 * TRUE_PX))))
 @contextmanager
 def client(mode):
     parameters = {
-        "parity": "mirrored", "deadline_ms": 60_000.0, "fov_deg": FOV_DEG,
+        "parity": "mirrored", "deadline_ms": 60_000.0, "keep_up": False, "fov_deg": FOV_DEG,
         "calibrate_focal_length": mode,
     }
     with open_bench() as bench:

@@ -27,7 +27,7 @@ MAPS = dict(enumerate(paper_maps(), start=1))
 #: Maps of the 12 deg camera without displaced stars, whose pose is therefore exact.
 EXACT_MAPS = (1, 2, 4, 5)
 #: The maps' camera, and time enough that no result depends on the speed of the machine.
-MAPS_12 = {"parity": "mirrored", "deadline_ms": 60_000.0}
+MAPS_12 = {"parity": "mirrored", "deadline_ms": 60_000.0, "keep_up": False}
 #: Three times the rounding of the centroids to 0.01 px, 84 arcsec a pixel.
 ARCSEC = np.radians(1 / 3600)
 BORESIGHT_LIMIT = 1.0 * ARCSEC

@@ -27,7 +27,7 @@ N_ATTITUDES = 200
 N_NOISE = 300
 #: A frame of 15 stars and 8 px noise that the primary misses and the fallback solves.
 SEED_OF_THE_FALLBACKS_FRAME, HARD_NOISE_PX = 105, 8.0
-NODE = {"parity": "normal", "deadline_ms": 60_000.0}
+NODE = {"parity": "normal", "deadline_ms": 60_000.0, "keep_up": False}
 
 
 @pytest.fixture(scope="module")

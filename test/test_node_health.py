@@ -17,7 +17,7 @@ from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.star_maps import paper_maps, uniform_noise
 
 MAP1 = paper_maps((1,))[0]
-MAPS_12 = {"parity": "mirrored", "deadline_ms": 60_000.0}
+MAPS_12 = {"parity": "mirrored", "deadline_ms": 60_000.0, "keep_up": False}
 
 
 @pytest.fixture(autouse=True)
@@ -221,7 +221,7 @@ def test_wrong_field_of_view_is_recognised():
 def test_a_hint_fits_into_the_default_deadline(monkeypatch):
     """A sky in a mirror takes the whole deadline: the frame after it leaves some time."""
     monkeypatch.setattr(identify_node, "_HINT_MS", 100.0)
-    with identify_client({"parity": "normal", "deadline_ms": 200.0}) as client:
+    with identify_client({"parity": "normal", "deadline_ms": 200.0, "keep_up": False}) as client:
         values = [client.send(map1()).values for _ in range(3)]
     assert "image looks mirrored: parity mirrored solves it" in [v["hint"] for v in values]
 

@@ -16,7 +16,7 @@ from star_tracker.nodes.listening import DropCounter
 from star_tracker.star_maps import paper_maps
 
 MAPS = dict(enumerate(paper_maps(), start=1))
-MAPS_12 = {"parity": "mirrored", "deadline_ms": 60_000.0}
+MAPS_12 = {"parity": "mirrored", "deadline_ms": 60_000.0, "keep_up": False}
 
 
 # ---- counting --------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.star_maps import paper_maps
 
 MAPS = dict(enumerate(paper_maps(), start=1))
-MAPS_12 = {"parity": "mirrored", "deadline_ms": 60_000.0}
+MAPS_12 = {"parity": "mirrored", "deadline_ms": 60_000.0, "keep_up": False}
 CAMERA_20 = {"fov_deg": 20.0, "width_px": 1024, "height_px": 1024}
 
 

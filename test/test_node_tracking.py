@@ -27,7 +27,9 @@ def tracking_client(parameters=None):
         client.reset = bench.probe.create_client(
             Trigger, f"{bench.namespace}/identify_node/reset"
         )
-        bench.start(IdentifyNode, {"deadline_ms": 60_000.0, **(parameters or {})})
+        bench.start(IdentifyNode, {
+            "deadline_ms": 60_000.0, "keep_up": False, **(parameters or {}),
+        })
         yield client.connect()
 
 

@@ -25,7 +25,9 @@ from star_tracker.tracker import StarTracker
 #: The longest that a process may take to start or to end; a slow machine needs seconds.
 TIMEOUT_S = 30.0
 IDENTIFY, REPLAY = "star_tracker.nodes.identify_node", "star_tracker.nodes.replay_node"
-MAPS = ["-p", "parity:=mirrored", "-p", "deadline_ms:=60000.0"]
+MAPS = [
+    "-p", "parity:=mirrored", "-p", "deadline_ms:=60000.0", "-p", "keep_up:=false",
+]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -4,7 +4,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -27,6 +26,7 @@ from star_tracker.nodes.health import FrameRecord, Health, input_age_s
 from star_tracker.nodes.health_report import HealthReport
 from star_tracker.nodes.intake import Frame, Intake
 from star_tracker.nodes.outputs import Outputs
+from star_tracker.nodes.pace import Pace
 from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS, ParameterError, declare
 from star_tracker.nodes.running import run
 from star_tracker.nodes.runtime_parameters import RuntimeParameters
@@ -39,6 +39,8 @@ from star_tracker.tracker import StarTracker
 _HINT_S, _HINT_MS = 2.0, 100.0
 #: The share of the deadline after which such a frame is given up, if the one before was unsolved.
 _HINT_AFTER = 0.75
+#: Frames in a row without a solution, after which a hint need not keep up with the stream.
+_HOPELESS = 10
 
 
 class IdentifyNode(Node):
@@ -51,10 +53,14 @@ class IdentifyNode(Node):
         super().__init__("identify_node", **node_options)
         #: Frames that were not searched, by reason.
         self.rejected: Counter[str] = Counter()
-        self._hinted_s, self._in_trouble = -_HINT_S, False
+        self._hinted_s, self._n_unsolved = -_HINT_S, 0
+        self._pace = Pace()
         try:
             self._configuration = Configuration.of(declare(self, IDENTIFY_PARAMETERS))
             database = self._configuration.build_database()
+            self.get_logger().info(
+                "loading the solver; the first start on a machine compiles it, for half a minute"
+            )
             started = time.perf_counter()
             self._apply(self._configuration, database)
         except ValueError as error:
@@ -131,38 +137,48 @@ class IdentifyNode(Node):
                 self._database, camera, self._configuration.settings
             )
         predicted = self._predictor.predict(stamp) if p["mode"] == "auto" else None
-        due = self._in_trouble and time.monotonic() - self._hinted_s >= _HINT_S
-        tracker = self._hurried(camera) if due else self._tracker
-        solution = tracker.solve(centroids.xy_px, centroids.intensity, predicted=predicted)
+        due = time.monotonic() - self._hinted_s >= _HINT_S
+        deadline_ms = self._deadline_ms(frame, due)
+        solution = self._tracker.solve(
+            centroids.xy_px, centroids.intensity, predicted=predicted,
+            # An empty sky takes all the time there is: leave some for a hint.
+            deadline_ms=_HINT_AFTER * deadline_ms if due and self._n_unsolved else deadline_ms,
+        )
         if solution.attitude is not None:
             self._predictor.add(stamp, solution.attitude.quaternion_xyzw)
         catalog = self._database.catalog
         self._watch.learn(camera, solution, centroids.xy_px, catalog)
         self._complain(solution)
         self._outputs.publish(
-            solution, frame.header, self._hint(camera, solution, centroids.xy_px)
+            solution, frame.header,
+            self._hint(camera, solution, centroids.xy_px, deadline_ms - solution.solve_ms),
         )
         self._outputs.publish_stars(solution, centroids.xy_px, catalog, frame.header)
         if p["publish_markers"]:
             self._outputs.publish_markers(solution, camera, catalog, frame.header)
         self._record(frame, solution)
 
-    def _hint(self, camera: Camera, solution: Solution, xy_px: Floats) -> str:
-        """Return what would solve a frame, or solve it better, in what is left of its deadline."""
-        self._in_trouble = solution.status in (Status.NO_MATCH, Status.TIMEOUT)
-        settings, now = self._configuration.settings, time.monotonic()
-        if now - self._hinted_s < _HINT_S or not wants_hint(solution):
-            return ""
-        left_ms = min(settings.deadline_ms - solution.solve_ms, _HINT_MS)
-        if left_ms > 0:
-            self._hinted_s = now
-        return hint(self._database, (camera, settings), xy_px, solution, left_ms)
+    def _deadline_ms(self, frame: Frame, hint_is_due: bool) -> float:
+        """Return how long a frame may take: in step with the stream, if `keep_up` says so."""
+        longest_ms = self._configuration.settings.deadline_ms
+        in_step_ms = self._pace.deadline_ms(frame.received_s, longest_ms)
+        # A hint takes longer than a fast stream leaves. Where nothing is solved, nothing is lost.
+        at_leisure = hint_is_due and self._n_unsolved >= _HOPELESS
+        keep_up = self._configuration.values["keep_up"] and not at_leisure
+        return in_step_ms if keep_up else longest_ms
 
-    def _hurried(self, camera: Camera) -> StarTracker:
-        """Return a tracker that leaves time for a hint: an empty sky takes the whole deadline."""
-        settings = self._configuration.settings
-        shorter = replace(settings, deadline_ms=_HINT_AFTER * settings.deadline_ms)
-        return StarTracker(self._database, camera, shorter)
+    def _hint(
+        self, camera: Camera, solution: Solution, xy_px: Floats, left_ms: float
+    ) -> str:
+        """Return what would solve a frame, or solve it better, in what is left of its deadline."""
+        unsolved = solution.status in (Status.NO_MATCH, Status.TIMEOUT)
+        self._n_unsolved = self._n_unsolved + 1 if unsolved else 0
+        now = time.monotonic()
+        if now - self._hinted_s < _HINT_S or not wants_hint(solution) or left_ms <= 0:
+            return ""
+        self._hinted_s = now
+        tried = camera, self._configuration.settings
+        return hint(self._database, tried, xy_px, solution, min(left_ms, _HINT_MS))
 
     def _complain(self, solution: Solution) -> None:
         """Count and log what was wrong with a frame that could be read."""

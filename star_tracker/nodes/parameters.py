@@ -169,6 +169,10 @@ IDENTIFY_PARAMETERS = (
         (0.0, 3600.0),
     ),
     Parameter("deadline_ms", 200.0, "give up on a frame after this time", "ms", (0.1, 60000.0)),
+    Parameter(
+        "keep_up", True,
+        "give up on a frame sooner where frames come faster: after 3/4 of the time between two",
+    ),
     Parameter("max_centroids", 1000, "refuse a frame with more centroids", "", (4, 10000)),
     Parameter(
         "queue_depth", 10, "frames that wait at most; the oldest ones are dropped", "", (1, 1000),

@@ -1,6 +1,8 @@
 """How every node of this package starts and ends."""
 
+import signal
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
@@ -11,6 +13,7 @@ from rclpy.node import Node
 from star_tracker.nodes.parameters import ParameterError
 
 _LONGEST_WAIT_S = 0.5
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
@@ -19,13 +22,32 @@ def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) 
     SIGINT, SIGTERM and a shutdown by the node itself end with 0, a configuration that cannot be
     used with 2 and one line that says what to change.
     """
-    node: Node | None = None
+    # rclpy's handlers shut the context down and then call ours, so that both signals also end
+    # what does not look at the context: a node's constructor, above all while it compiles.
+    for number in _SIGNALS:
+        signal.signal(number, _interrupt_once)
     try:
-        rclpy.init(args=args)
-        # Made at once: a signal in the middle of its making would print a traceback of rclpy's.
-        executor = SingleThreadedExecutor()
-    except (RCLError, UnknownROSArgsError) as error:
-        return _refuse(name, error)
+        try:
+            rclpy.init(args=args)
+            # Made at once: a signal in the middle of its making would end in a traceback.
+            executor = SingleThreadedExecutor()
+        except (RCLError, UnknownROSArgsError) as error:
+            return _refuse(name, error)
+        return _spin(name, make, executor)
+    except KeyboardInterrupt:  # before the node or at its end
+        return 0
+
+
+def _interrupt_once(*_: Any) -> None:
+    """Interrupt what runs, but not the ending that follows: Ctrl-C below launch comes twice."""
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _spin(name: str, make: Callable[[], Node], executor: SingleThreadedExecutor) -> int:
+    """Make the node, spin it to its end and clean up; return the exit code."""
+    node: Node | None = None
     try:
         node = make()
         executor.add_node(node)
