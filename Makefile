@@ -20,7 +20,10 @@ demo: $(ready)
 	$(python) -m star_tracker.nodes.demo
 
 test: $(ready)
-	ROS_PYTHON_CHECK_FIELDS=1 $(python) -m pytest $(PYTEST_ARGS)
+	$(python) -m coverage erase
+	ROS_PYTHON_CHECK_FIELDS=1 $(python) -m coverage run -m pytest $(PYTEST_ARGS)
+	$(python) -m coverage combine --quiet
+	$(if $(PYTEST_ARGS),,$(python) -m coverage report)
 
 lint: $(ready)-lint
 	$(python) -m ruff check .
@@ -52,4 +55,4 @@ $(ready)-benchmark: requirements/benchmark.txt $(ready)
 	touch $@
 
 clean:
-	rm -rf $(VENV) build install log .mypy_cache .pytest_cache .ruff_cache *.egg-info
+	rm -rf $(VENV) build install log .coverage* .mypy_cache .pytest_cache .ruff_cache *.egg-info
