@@ -38,8 +38,8 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            "identify_node = star_tracker.nodes.identify_node:main",
-            "replay_node = star_tracker.nodes.replay_node:main",
+            "identify_node = star_tracker.nodes.entry_points:identify_node",
+            "replay_node = star_tracker.nodes.entry_points:replay_node",
             "star_tracker = star_tracker.cli:main",
             "star_tracker_demo = star_tracker.nodes.demo:main",
         ],

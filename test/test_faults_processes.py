@@ -187,6 +187,37 @@ def test_signal_at_any_stage_of_the_start(module, owner, name, number):
     assert "FATAL" not in messages
 
 
+#: A console command that signals itself when it comes to import numpy, as heavy as it gets.
+SIGNAL_AT_IMPORT = """
+import os, sys
+from star_tracker.nodes import entry_points
+class Finder:
+    def find_spec(name, path=None, target=None):
+        if name == "numpy":
+            os.kill(os.getpid(), {number})
+sys.meta_path.insert(0, Finder)
+sys.exit(entry_points.{node}())
+"""
+
+
+@SIGNALS
+@pytest.mark.parametrize("node", ["identify_node", "replay_node"])
+def test_signal_to_a_console_command_that_still_imports(node, number):
+    with start(["-c", SIGNAL_AT_IMPORT.format(node=node, number=int(number))]) as process:
+        try:
+            code, messages = ended(process)
+        finally:
+            process.kill()
+    assert (code, messages) == (0, "")
+
+
+def test_console_command_passes_arguments_and_exit_code_on():
+    script = "import sys; from star_tracker.nodes import entry_points as e; sys.exit(e.{}())"
+    with start(["-c", script.format("replay_node")], "", ["-p", "rate_hz:=-1.0"]) as process:
+        code, messages = ended(process)
+    assert_refused(code, messages, "rate_hz")
+
+
 #: A node that is still compiling, for as long as it takes, when a signal comes.
 SIGNAL_WHILE_COMPILING = """
 import os, sys, threading

@@ -10,6 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -98,6 +99,9 @@ class IdentifyNode(Node):
     def _apply(self, configuration: Configuration, database: FeatureDatabase) -> None:
         """Work with this configuration from now on. Raises ValueError and keeps the old one."""
         self._tracker = configuration.tracker(database)
+        if not self.context.ok():  # told to end meanwhile
+            self.destroy_node()
+            raise ExternalShutdownException
         self._configuration, self._database = configuration, database
         if database.cache_note:
             self.get_logger().warning(database.cache_note)
@@ -122,6 +126,8 @@ class IdentifyNode(Node):
         except MessageError as error:
             self._reject(frame, "malformed_cloud", str(error))
         except Exception as error:  # one frame must not end the node
+            if not self.context.ok():  # told to end meanwhile: nothing can be published
+                raise ExternalShutdownException from error
             self._reject(frame, "internal_error", f"{type(error).__name__}: {error}")
 
     def _solve(self, frame: Frame, camera: Camera) -> None:

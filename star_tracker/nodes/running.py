@@ -1,6 +1,8 @@
 """How every node of this package starts and ends."""
 
+import os
 import signal
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,8 +14,10 @@ from rclpy.node import Node
 
 from star_tracker.nodes.parameters import ParameterError
 
-_LONGEST_WAIT_S = 0.5
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_LONGEST_WAIT_S = 0.5
+#: The longest that a node takes to end after a signal, whatever it is doing.
+_LONGEST_END_S = 1.0
 
 
 def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
@@ -22,30 +26,45 @@ def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) 
     SIGINT, SIGTERM and a shutdown by the node itself end with 0, a configuration that cannot be
     used with 2 and one line that says what to change.
     """
-    # rclpy's handlers shut the context down and then call ours, so that both signals also end
-    # what does not look at the context: a node's constructor, above all while it compiles.
-    for number in _SIGNALS:
-        signal.signal(number, _interrupt_once)
+    told = _end_soon_when_told()
     try:
         try:
             rclpy.init(args=args)
-            # Made at once: a signal in the middle of its making would end in a traceback.
             executor = SingleThreadedExecutor()
         except (RCLError, UnknownROSArgsError) as error:
-            return _refuse(name, error)
-        return _spin(name, make, executor)
-    except KeyboardInterrupt:  # before the node or at its end
-        return 0
+            return 0 if told.is_set() else _refuse(name, error)
+        return _spin(name, make, executor, told)
+    finally:
+        if told.is_set():  # Python's own end would take a second signal's default action back
+            for number in _SIGNALS:
+                signal.signal(number, signal.SIG_IGN)
 
 
-def _interrupt_once(*_: Any) -> None:
-    """Interrupt what runs, but not the ending that follows: Ctrl-C below launch comes twice."""
+def _end_soon_when_told() -> threading.Event:
+    """Take SIGINT and SIGTERM from now on; return the event that tells of the first one.
+
+    rclpy's handlers, which come on top, shut the context down, and the node ends at its next look
+    at it. Nothing is raised: an exception out of nowhere is printed and lost in a callback of C,
+    and one in the middle of exec() ends Python by the signal even where it is caught. What does
+    not look at the context, a node that still compiles or a frame that takes long, is ended too.
+    """
+    told = threading.Event()
+
+    def on_signal(*_: Any) -> None:
+        if not told.is_set():  # Ctrl-C below launch comes twice
+            told.set()
+            watchdog = threading.Timer(_LONGEST_END_S, os._exit, [0])
+            watchdog.daemon = True
+            watchdog.start()
+
     for number in _SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
-    raise KeyboardInterrupt
+        signal.signal(number, on_signal)
+    return told
 
 
-def _spin(name: str, make: Callable[[], Node], executor: SingleThreadedExecutor) -> int:
+def _spin(
+    name: str, make: Callable[[], Node], executor: SingleThreadedExecutor, told: threading.Event
+) -> int:
     """Make the node, spin it to its end and clean up; return the exit code."""
     node: Node | None = None
     try:
@@ -55,13 +74,13 @@ def _spin(name: str, make: Callable[[], Node], executor: SingleThreadedExecutor)
         # context down, and an executor that waits again by then would wait for ever.
         while rclpy.ok():
             executor.spin_once(timeout_sec=_LONGEST_WAIT_S)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         return 0
     except ParameterError as error:
         return _refuse(name, error)
     except RCLError:
         # A signal during the start takes the context away from under the node's constructor.
-        if rclpy.ok():
+        if not told.is_set():
             raise
         return 0
     finally:
