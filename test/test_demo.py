@@ -1,8 +1,11 @@
 """The demo: how it judges, and the whole of it in real processes."""
 
+import os
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -94,3 +97,24 @@ def test_the_demo_says_in_one_line_that_a_folder_has_no_maps(tmp_path):
     assert done.returncode == 1
     assert done.stderr.startswith(f"demo: star map {tmp_path}")
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_interrupted_demo_ends_without_a_traceback():
+    command = [sys.executable, "-u", "-m", "star_tracker.nodes.demo", "--rate-hz", "0.01"]
+    # A group of its own: a terminal's Ctrl-C goes to the nodes too.
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as demo:
+        try:
+            watchdog = threading.Timer(60.0, os.killpg, [demo.pid, signal.SIGKILL])
+            watchdog.start()
+            lines = []
+            for line in demo.stderr:
+                lines.append(line)
+                if "maps at" in line:
+                    os.killpg(demo.pid, signal.SIGINT)
+            code = demo.wait()
+        finally:
+            watchdog.cancel()
+    assert code == 130, "".join(lines)
+    assert "Traceback" not in "".join(lines)

@@ -43,6 +43,8 @@ _TIMEOUT_S = 60.0
 #: Building the database alone takes less than this.
 _COMPILED_S = 5.0
 _TERMINATE_S = 10.0
+#: Exit code after Ctrl-C, as shells have it: 128 + SIGINT.
+_INTERRUPTED = 130
 #: Largest boresight error. Rounding to 0.01 px leaves some tenths of an arcsecond; of the seven
 #: stars of map 3 three are moved by 2 to 3 px (84 arcsec each), and the fit with them.
 _BORESIGHT_LIMIT_ARCSEC = 2.0
@@ -262,6 +264,8 @@ def main(args: Sequence[str] | None = None) -> int:
     except (TimeoutError, RuntimeError, ValueError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        return _INTERRUPTED
     return 0 if report(maps, results) else 1
 
 
