@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from star_tracker.commands import boresight, calibrate, compare, geometry
+from star_tracker.commands import boresight, calibrate, compare, geometry, plot
 
 #: Each command: its module, its line of help and what it says of itself.
 COMMANDS = {
@@ -27,6 +27,11 @@ COMMANDS = {
         geometry, "which stars of a star map fix the boresight best",
         "Error factor K, tetrahedron volume and predicted boresight error of all triples of a "
         "star map, and the predicted errors of the attitude from all stars.",
+    ),
+    "plot": (
+        plot, "picture of a star map or of your own frame with its stars",
+        "Solve one frame and draw it: guide stars, centroids with their numbers, displaced and "
+        "missing stars, residuals, right ascension and declination. Needs matplotlib.",
     ),
 }
 

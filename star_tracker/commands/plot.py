@@ -1,0 +1,134 @@
+"""`star_tracker plot`: a picture of one field with its stars (paper, figures 5-10 to 5-17)."""
+
+import argparse
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from star_tracker.camera import PARITIES, Camera
+from star_tracker.catalog import CATALOGS, StarCatalog
+from star_tracker.commands.options import Record, check_positive, print_result
+from star_tracker.database import FeatureDatabase
+from star_tracker.frame_file import read_frame
+from star_tracker.solution import SolveSettings
+from star_tracker.spherical import Floats
+from star_tracker.star_maps import paper_maps, read_star_map
+from star_tracker.tracker import StarTracker
+
+#: A picture can wait longer for its frame than a spacecraft.
+_DEADLINE_MS = 10_000.0
+_CAMERA = ("fov_deg", "width_px", "height_px")
+_MOST_DPI = 1200.0
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """What is to be solved and drawn, and the name of its picture without an ending."""
+
+    name: str
+    stem: str
+    camera: Camera
+    labels: tuple[str, ...]
+    xy_px: Floats
+    intensity: Floats | None = None
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    parser.add_argument(
+        "map", metavar="MAP|FILE",
+        help="number of a map, 1 to 8, a star map file, or a CSV file of your own frame with "
+        "columns x,y or x,y,intensity and the options of the camera",
+    )
+    parser.add_argument("--fov-deg", type=float, help="your frame's field of view, width")
+    parser.add_argument("--width-px", type=int, help="your frame's width")
+    parser.add_argument("--height-px", type=int, help="your frame's height")
+    parser.add_argument("--parity", choices=PARITIES, help="your frame's parity (auto)")
+    parser.add_argument(
+        "--catalog", choices=CATALOGS, default="paper", help="the guide stars (paper)"
+    )
+    parser.add_argument(
+        "--limiting-magnitude", type=float, default=6.0,
+        help="faintest guide stars of catalog hipparcos (6.0)",
+    )
+    parser.add_argument(
+        "--epoch", type=float, default=2000.0, help="Julian year of the guide stars (2000.0)"
+    )
+    parser.add_argument(
+        "--output", type=Path, metavar="FILE",
+        help="where to write the picture: .png, .svg or .pdf (map1.png, FILE.png; here)",
+    )
+    parser.add_argument("--dpi", type=float, default=130.0, help="resolution of a .png (130)")
+    parser.add_argument("--json", action="store_true", help="print what was drawn as JSON")
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Solve one frame and draw it. Raises ValueError for what cannot be used."""
+    if find_spec("matplotlib") is None:
+        raise ValueError("pictures need matplotlib: pip install 'star_tracker[plot]'")
+    from star_tracker.figures import style
+    from star_tracker.figures.field_plot import draw_field
+    from star_tracker.figures.field_view import FieldView
+
+    check_positive(options, *_CAMERA, "dpi")
+    if options.dpi > _MOST_DPI:
+        raise ValueError(f"--dpi must be at most {_MOST_DPI:g}")
+    frame = _frame(options)
+    output = options.output or Path(f"{frame.stem}.png")
+    style.check_format(output)
+    catalog = StarCatalog.named(
+        options.catalog, limiting_magnitude=options.limiting_magnitude, epoch=options.epoch
+    )
+    tracker = StarTracker(
+        FeatureDatabase.cached(catalog), frame.camera, SolveSettings(deadline_ms=_DEADLINE_MS)
+    )
+    solution = tracker.solve(frame.xy_px, frame.intensity)
+    view = FieldView(frame.name, frame.camera, frame.labels, frame.xy_px, solution, catalog)
+    with style.house_style():
+        style.save(draw_field(view), output, options.dpi)
+    record: Record = {"map": frame.name, "output": str(output), **view.record()}
+    if options.json:
+        print_result(record, [], as_json=True)
+    else:
+        print(f"{output}: {view.summary}")
+
+
+def _frame(options: argparse.Namespace) -> _Frame:
+    """Return map 1 to 8, a star map file, or a plain file with the camera that the options tell.
+
+    Raises ValueError for a file that cannot be read, and a camera given twice or not at all.
+    """
+    given = [name for name in (*_CAMERA, "parity") if getattr(options, name) is not None]
+    if options.map.isdecimal():
+        (star_map,) = paper_maps((int(options.map),))
+        stem = f"map{int(options.map)}"
+    elif given:
+        return _plain_frame(Path(options.map), options)
+    else:
+        path = Path(options.map)
+        stem = path.stem
+        try:
+            star_map = read_star_map(path)
+        except ValueError as error:
+            raise ValueError(
+                f"{error}; a plain file of x,y needs --fov-deg, --width-px and --height-px"
+            ) from error
+    if given:
+        raise ValueError(f"{star_map.name} has its own camera: leave out {_option(given[0])}")
+    return _Frame(star_map.name, stem, star_map.camera, star_map.labels, star_map.xy_px)
+
+
+def _plain_frame(path: Path, options: argparse.Namespace) -> _Frame:
+    for name in _CAMERA:
+        if getattr(options, name) is None:
+            raise ValueError(f"the camera of {path.name} is not known: give {_option(name)}")
+    camera = Camera.from_fov(
+        options.fov_deg, options.width_px, options.height_px, parity=options.parity or "auto"
+    )
+    xy_px, intensity = read_frame(path)
+    labels = tuple(str(i + 1) for i in range(len(xy_px)))
+    return _Frame(path.name, path.stem, camera, labels, xy_px, intensity)
+
+
+def _option(name: str) -> str:
+    return "--" + name.replace("_", "-")

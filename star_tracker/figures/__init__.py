@@ -1,0 +1,1 @@
+"""Pictures: the only room of the core that imports matplotlib (extra `plot`)."""

@@ -1,0 +1,80 @@
+"""The picture of one frame: what was seen, what it was identified as, and what is missing.
+
+The sky is drawn as the camera shows it. Where parity is mirrored the y axis points up, as the
+star maps of the paper have it: east is then to the left of north, as everywhere on the sky.
+"""
+
+import textwrap
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from star_tracker.figures.field_labels import label_stars
+from star_tracker.figures.field_symbols import Symbols
+from star_tracker.figures.field_view import FieldView
+from star_tracker.figures.grid_plot import draw_grid
+from star_tracker.figures.side_panel import draw_side_panel
+from star_tracker.figures.style import new_figure
+
+#: Inches: the image's longer side, its margins, the column beside it; the lowest picture.
+_LONG_SIDE, _LEFT, _BOTTOM, _TOP, _GAP, _SIDE = 6.0, 0.52, 0.42, 0.85, 0.5, 1.62
+_LOWEST = 3.9
+#: Characters of a line of the title.
+_TITLE_WIDTH = 110
+#: Text is measured at this resolution.
+_DPI = 144.0
+
+
+def draw_field(view: FieldView) -> Figure:
+    """Return the figure of a frame."""
+    width, height = view.camera.width_px, view.camera.height_px
+    inch_per_px = _LONG_SIDE / max(width, height)
+    wide, high = width * inch_per_px, height * inch_per_px
+    size = _LEFT + wide + _GAP + _SIDE, max(_BOTTOM + high + _TOP, _LOWEST)
+    figure = new_figure(*size, dpi=_DPI)
+    low = size[1] - _TOP - high
+    axes = figure.add_axes((_LEFT / size[0], low / size[1], wide / size[0], high / size[1]))
+    _prepare(axes, view)
+    taken = np.zeros((0, 4))
+    if view.rotation is not None:
+        taken = draw_grid(axes, view.optics, view.rotation)
+    symbols = Symbols.of(view, inch_per_px * 72)
+    symbols.draw(axes)
+    label_stars(axes, view, symbols, taken)
+    figure.text(
+        _LEFT / size[0], 1 - 0.08 / size[1], _title(view), va="top", linespacing=1.4, fontsize=8
+    )
+    side = (_LEFT + wide + _GAP) / size[0]
+    draw_side_panel(figure, (side, 1 - _TOP / size[1]), inch_per_px, view, symbols)
+    return figure
+
+
+def _prepare(axes: Axes, view: FieldView) -> None:
+    """Give the axes the image's borders."""
+    camera = view.optics
+    axes.set_xlim(0, camera.width_px)
+    upwards = camera.parity == "mirrored"
+    axes.set_ylim(*((0, camera.height_px) if upwards else (camera.height_px, 0)))
+    axes.set_xlabel("x, px", labelpad=1)
+    axes.set_ylabel("y, px", labelpad=1)
+    axes.tick_params(labelsize=7, length=3)
+
+
+def _title(view: FieldView) -> str:
+    solution, camera = view.solution, view.optics
+    high_deg = np.degrees(2 * np.arctan(camera.height_px / 2 / camera.fy_px))
+    field = (
+        f"field {camera.fov_deg:.4g}° × {high_deg:.4g}°, "
+        f"{camera.width_px} × {camera.height_px} px, parity {solution.parity or 'unknown'}"
+    )
+    first = f"{view.name}: {view.summary}"
+    attitude = solution.attitude
+    if attitude is None:
+        return "\n".join([*textwrap.wrap(first, _TITLE_WIDTH)[:3], field])
+    ra, dec, roll = np.degrees((attitude.ra_rad, attitude.dec_rad, attitude.roll_rad))
+    pose = f"boresight α {ra:.4f}°, δ {dec:+.4f}°, roll {roll:.4f}°".replace("-", "−")
+    return "\n".join([
+        first, f"{pose}; wrong with probability {solution.wrong_probability:.1g}",
+        f"{field}; residuals {solution.rms_px:.3f} px rms",
+    ])

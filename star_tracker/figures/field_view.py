@@ -1,0 +1,149 @@
+"""What there is to see in one solved (or unsolved) frame, as arrays: no matplotlib in here."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from star_tracker.camera import Camera
+from star_tracker.catalog import StarCatalog
+from star_tracker.labels import StarState
+from star_tracker.solution import Solution
+from star_tracker.spherical import Floats
+from star_tracker.star_maps import visible_stars
+
+
+@dataclass(frozen=True)
+class FieldView:
+    """One frame with its solution.
+
+    Attributes:
+        name: what the picture calls it.
+        camera: the camera that was told, of parity `auto` too.
+        labels: (n,) the centroids' names.
+        xy_px: (n, 2) centroids.
+        solution: how the frame was solved, or why it was not.
+        catalog: the guide stars.
+    """
+
+    name: str
+    camera: Camera
+    labels: tuple[str, ...]
+    xy_px: Floats
+    solution: Solution
+    catalog: StarCatalog
+
+    @cached_property
+    def optics(self) -> Camera:
+        """The camera of definite parity: the one found, else the first possible one."""
+        parity = self.solution.parity
+        return self.camera.with_parity(parity) if parity else self.camera.definite()[0]
+
+    @property
+    def rotation(self) -> Floats | None:
+        """The rotation (3, 3), camera to ICRS; None where the frame is unsolved."""
+        attitude = self.solution.attitude
+        return None if attitude is None else attitude.rotation
+
+    @cached_property
+    def guide_stars(self) -> tuple[NDArray[np.intp], Floats]:
+        """Catalogue indices (m,) and predicted pixels (m, 2) of the guide stars in the image."""
+        if self.rotation is None:
+            return np.zeros(0, np.intp), np.zeros((0, 2))
+        return visible_stars(self.catalog, self.optics, self.rotation)
+
+    @cached_property
+    def missing(self) -> NDArray[np.bool_]:
+        """Which of `guide_stars` (m,) no centroid was labelled with."""
+        return ~np.isin(self.guide_stars[0], self.solution.identification.catalog_index)
+
+    @cached_property
+    def predicted_px(self) -> Floats:
+        """Where each centroid's guide star should be (n, 2), NaN for those without one."""
+        places = np.full(self.xy_px.shape, np.nan)
+        index = self.solution.identification.catalog_index
+        if self.rotation is not None:
+            named = index >= 0
+            directions = self.catalog.vectors[index[named]] @ self.rotation
+            places[named] = self.optics.pixels(directions)
+        return places
+
+    def of_state(self, state: StarState) -> NDArray[np.intp]:
+        """Return the centroids of a state, as indices."""
+        return np.flatnonzero(self.solution.identification.state == state)
+
+    @property
+    def summary(self) -> str:
+        """How the frame ended, in a line."""
+        solution = self.solution
+        if solution.attitude is None:
+            n = len(self.xy_px)
+            return f"not solved, {solution.status.value}: {solution.reason} ({n} centroids)"
+        states = (StarState.IDENTIFIED, StarState.DISPLACED, StarState.UNIDENTIFIED)
+        counts = [f"{len(self.of_state(state))} {state.name.lower()}" for state in states]
+        missing = f"{int(self.missing.sum())} guide stars missing"
+        return f"{solution.status.value}, {', '.join([*counts, missing])}"
+
+    def guide_star_name(self, index: int) -> str:
+        """Return its number in the paper where all guide stars have one, else its HIP number."""
+        number, hip = self.catalog.number, self.catalog.hip
+        return str(number[index]) if np.all(number > 0) else f"HIP {hip[index]}"
+
+    def record(self) -> dict[str, object]:
+        """Return what the picture shows as plain values, units in the names."""
+        solution = self.solution
+        index, places = self.guide_stars
+        return {
+            "status": solution.status.value, "reason": solution.reason,
+            "method": solution.method, "parity": solution.parity,
+            "catalog": self.catalog.description,
+            "camera": {
+                "fov_deg": self.camera.fov_deg, "width_px": self.camera.width_px,
+                "height_px": self.camera.height_px, "parity": self.camera.parity,
+            },
+            "boresight": self._boresight(),
+            "rms_px": _number(solution.rms_px), "wrong_probability": solution.wrong_probability,
+            "ignored": solution.n_ignored,
+            **{state.name.lower(): len(self.of_state(state)) for state in StarState},
+            "missing": int(self.missing.sum()),
+            "stars": [self._star(i) for i in range(len(self.xy_px))],
+            "missing_guide_stars": [
+                {**self._guide_star(int(i)), "x_px": float(x), "y_px": float(y)}
+                for i, (x, y) in zip(index[self.missing], places[self.missing], strict=True)
+            ],
+        }
+
+    def _boresight(self) -> dict[str, float] | None:
+        attitude = self.solution.attitude
+        if attitude is None:
+            return None
+        angles = (attitude.ra_rad, attitude.dec_rad, attitude.roll_rad)
+        names = ("ra_deg", "dec_deg", "roll_deg")
+        return dict(zip(names, np.degrees(angles).tolist(), strict=True))
+
+    def _star(self, i: int) -> dict[str, object]:
+        found = self.solution.identification
+        index = int(found.catalog_index[i])
+        (x, y), (predicted_x, predicted_y) = self.xy_px[i], self.predicted_px[i]
+        return {
+            "label": self.labels[i], "x_px": float(x), "y_px": float(y),
+            "state": StarState(found.state[i]).name.lower(), **self._guide_star(index),
+            "predicted_x_px": _number(predicted_x), "predicted_y_px": _number(predicted_y),
+            "residual_px": _number(found.residual_px[i]),
+        }
+
+    def _guide_star(self, index: int) -> dict[str, object]:
+        if index < 0:
+            return {"star_number": None, "hip": None, "v_mag": None}
+        catalog = self.catalog
+        return {
+            "star_number": int(catalog.number[index]) or None,
+            "hip": int(catalog.hip[index]) or None,
+            "v_mag": round(float(catalog.v_mag[index]), 2),
+        }
+
+
+def _number(value: float) -> float | None:
+    """Return a number, None for what is not one: JSON has no NaN."""
+    return float(value) if np.isfinite(value) else None

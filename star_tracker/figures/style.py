@@ -1,0 +1,67 @@
+"""What all pictures share: colours, type, and how a figure becomes a file.
+
+A picture is made without a screen and without pyplot's global state; the same input gives the
+same bytes. What a symbol means shows in its shape and its lightness first, in its colour second.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from matplotlib import style
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+#: Okabe and Ito's palette, which colour-blind eyes can tell apart (jfly.uni-koeln.de/color).
+BLUE, VERMILION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+#: The sequential colour map: its lightness grows steadily, for colour-blind eyes and in grey.
+SEQUENTIAL = "cividis"
+FORMATS = (".png", ".svg", ".pdf")
+#: What matplotlib would write of time and version into a file, left out.
+_METADATA: dict[str, dict[str, None]] = {
+    ".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None},
+}
+_SETTINGS = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "axes.titlesize": 9.0,
+    "axes.linewidth": 0.8,
+    "svg.hashsalt": "star_tracker",
+    "path.simplify": False,
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Draw as the project does, whatever the user's own settings of matplotlib are."""
+    with style.context(["default", _SETTINGS]):
+        yield
+
+
+def new_figure(width_in: float, height_in: float, dpi: float = 100.0) -> Figure:
+    """Return an empty figure with a canvas that can measure text."""
+    figure = Figure(figsize=(width_in, height_in), dpi=dpi)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def check_format(path: Path) -> None:
+    """Raise ValueError for a file name that does not say one of the formats."""
+    if path.suffix.lower() not in FORMATS:
+        raise ValueError(
+            f"a picture cannot be written as {path.name!r}: give a name that ends in "
+            f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
+        )
+
+
+def save(figure: Figure, path: Path, dpi: float) -> None:
+    """Write a figure. Raises ValueError where the file's format or place cannot be used."""
+    check_format(path)
+    try:
+        figure.savefig(path, dpi=dpi, metadata=_METADATA[path.suffix.lower()])
+    except OSError as error:
+        raise ValueError(
+            f"the picture {path} cannot be written: {error.strerror or error}"
+        ) from error
+
+
