@@ -28,7 +28,9 @@ def read_frame(path: Path) -> tuple[Floats, Floats | None]:
         for row in csv.reader(line for line in lines if line.strip() and line[0] != "#")
     ]
     if not rows or rows[0] not in _HEADS:
-        raise ValueError(f"frame {path}: the first line must name the columns: x,y or x,y,intensity")
+        raise ValueError(
+            f"frame {path}: the first line must name the columns: x,y or x,y,intensity"
+        )
     wrong = [row for row in rows if len(row) != len(rows[0])]
     if wrong:
         raise ValueError(

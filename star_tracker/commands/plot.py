@@ -10,7 +10,7 @@ from star_tracker.catalog import CATALOGS, StarCatalog
 from star_tracker.commands.options import Record, check_positive, print_result
 from star_tracker.database import FeatureDatabase
 from star_tracker.frame_file import read_frame
-from star_tracker.solution import SolveSettings
+from star_tracker.solution import METHODS, SolveSettings
 from star_tracker.spherical import Floats
 from star_tracker.star_maps import paper_maps, read_star_map
 from star_tracker.tracker import StarTracker
@@ -55,6 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--epoch", type=float, default=2000.0, help="Julian year of the guide stars (2000.0)"
     )
     parser.add_argument(
+        "--method", choices=("auto", *METHODS), default="auto", help="how to identify (auto)"
+    )
+    parser.add_argument(
         "--output", type=Path, metavar="FILE",
         help="where to write the picture: .png, .svg or .pdf (map1.png, FILE.png; here)",
     )
@@ -79,9 +82,8 @@ def execute(options: argparse.Namespace) -> None:
     catalog = StarCatalog.named(
         options.catalog, limiting_magnitude=options.limiting_magnitude, epoch=options.epoch
     )
-    tracker = StarTracker(
-        FeatureDatabase.cached(catalog), frame.camera, SolveSettings(deadline_ms=_DEADLINE_MS)
-    )
+    settings = SolveSettings(options.method, deadline_ms=_DEADLINE_MS)
+    tracker = StarTracker(FeatureDatabase.cached(catalog), frame.camera, settings)
     solution = tracker.solve(frame.xy_px, frame.intensity)
     view = FieldView(frame.name, frame.camera, frame.labels, frame.xy_px, solution, catalog)
     with style.house_style():

@@ -36,15 +36,13 @@ def draw_field(view: FieldView) -> Figure:
     low = size[1] - _TOP - high
     axes = figure.add_axes((_LEFT / size[0], low / size[1], wide / size[0], high / size[1]))
     _prepare(axes, view)
+    symbols = Symbols.of(view)
     taken = np.zeros((0, 4))
     if view.rotation is not None:
-        taken = draw_grid(axes, view.optics, view.rotation)
-    symbols = Symbols.of(view, inch_per_px * 72)
+        taken = draw_grid(axes, view.optics, view.rotation, symbols.boxes(axes))
     symbols.draw(axes)
     label_stars(axes, view, symbols, taken)
-    figure.text(
-        _LEFT / size[0], 1 - 0.08 / size[1], _title(view), va="top", linespacing=1.4, fontsize=8
-    )
+    _write_title(figure, view, _LEFT)
     side = (_LEFT + wide + _GAP) / size[0]
     draw_side_panel(figure, (side, 1 - _TOP / size[1]), inch_per_px, view, symbols)
     return figure
@@ -61,20 +59,30 @@ def _prepare(axes: Axes, view: FieldView) -> None:
     axes.tick_params(labelsize=7, length=3)
 
 
-def _title(view: FieldView) -> str:
+def _write_title(figure: Figure, view: FieldView, left_in: float) -> None:
+    """Write how the frame ended, in bold, and below it where the camera points."""
+    wide, high = figure.get_size_inches()
+    head = textwrap.wrap(f"{view.name}: {view.summary}", _TITLE_WIDTH)[:2]
+    for lines, above, weight in ((head, 0, "bold"), (_pose_and_field(view), len(head), "normal")):
+        figure.text(
+            left_in / wide, 1 - (0.09 + 0.16 * above) / high, "\n".join(lines), va="top",
+            linespacing=1.4, fontsize=8, weight=weight,
+        )
+
+
+def _pose_and_field(view: FieldView) -> list[str]:
     solution, camera = view.solution, view.optics
     high_deg = np.degrees(2 * np.arctan(camera.height_px / 2 / camera.fy_px))
     field = (
         f"field {camera.fov_deg:.4g}° × {high_deg:.4g}°, "
         f"{camera.width_px} × {camera.height_px} px, parity {solution.parity or 'unknown'}"
     )
-    first = f"{view.name}: {view.summary}"
     attitude = solution.attitude
     if attitude is None:
-        return "\n".join([*textwrap.wrap(first, _TITLE_WIDTH)[:3], field])
+        return [field]
     ra, dec, roll = np.degrees((attitude.ra_rad, attitude.dec_rad, attitude.roll_rad))
     pose = f"boresight α {ra:.4f}°, δ {dec:+.4f}°, roll {roll:.4f}°".replace("-", "−")
-    return "\n".join([
-        first, f"{pose}; wrong with probability {solution.wrong_probability:.1g}",
+    return [
+        f"{pose}; wrong with probability {solution.wrong_probability:.1g}",
         f"{field}; residuals {solution.rms_px:.3f} px rms",
-    ])
+    ]

@@ -1,37 +1,42 @@
 """The symbols of a frame's stars: what they look like, where they lie and how they are drawn.
 
-    guide star in view      grey disc, larger = brighter    missing: an open one
-    identified centroid     ring around a dot               residual: an exaggerated arrow
-    displaced centroid      diamond, with an arrow from where the star should be
-    unidentified centroid   cross
+guide star in view      grey disc, larger = brighter    missing: an open one
+identified centroid     ring around a dot               residual: an exaggerated arrow
+displaced centroid      diamond, with an arrow from where the star should be
+unidentified centroid   cross
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from star_tracker.figures.field_view import FieldView
-from star_tracker.figures.style import BLUE, VERMILION
+from star_tracker.figures.style import BLUE, VERMILION, Looks
 from star_tracker.labels import StarState
 from star_tracker.spherical import Floats
 
 #: How a symbol is drawn: arguments of `Axes.plot`, sizes in points.
-GUIDE = {"marker": "o", "markerfacecolor": "0.75", "markeredgecolor": "0.45", "linestyle": ""}
-MISSING = {"marker": "o", "markerfacecolor": "white", "markeredgecolor": "0.1", "linestyle": ""}
-DOT = {"marker": ".", "color": "black", "markersize": 3.0, "linestyle": ""}
-RING = {
+GUIDE: Looks = {
+    "marker": "o", "markerfacecolor": "0.75", "markeredgecolor": "0.45", "linestyle": "",
+}
+MISSING: Looks = {
+    "marker": "o", "markerfacecolor": "white", "markeredgecolor": "0.1", "linestyle": "",
+}
+DOT: Looks = {"marker": ".", "color": "black", "markersize": 3.0, "linestyle": ""}
+RING: Looks = {
     "marker": "o", "markerfacecolor": "none", "markeredgecolor": BLUE, "markeredgewidth": 1.3,
     "markersize": 12.0, "linestyle": "",
 }
-DIAMOND = {
+DIAMOND: Looks = {
     "marker": "D", "markerfacecolor": "none", "markeredgecolor": VERMILION,
     "markeredgewidth": 1.5, "markersize": 10.0, "linestyle": "",
 }
-CROSS = {
+CROSS: Looks = {
     "marker": "x", "color": "black", "markeredgewidth": 1.4, "markersize": 6.0, "linestyle": "",
 }
-BORESIGHT = {"marker": "+", "color": "0.4", "markersize": 9.0, "linestyle": ""}
+BORESIGHT: Looks = {"marker": "+", "color": "0.4", "markersize": 9.0, "linestyle": ""}
 #: Half the size of the box that a symbol takes, points.
 _REACH = {StarState.UNIDENTIFIED: 4.0, StarState.IDENTIFIED: 7.0, StarState.DISPLACED: 8.0}
 #: The largest residual is drawn about this long, in widths of the image.
@@ -45,22 +50,20 @@ class Symbols:
 
     Attributes:
         view: the frame.
-        pt_per_px: points of the picture for a pixel of the image.
         residual_scale: how many times too long residuals are drawn; 0 = none are.
     """
 
     view: FieldView
-    pt_per_px: float
     residual_scale: float
 
     @classmethod
-    def of(cls, view: FieldView, pt_per_px: float) -> "Symbols":
+    def of(cls, view: FieldView) -> "Symbols":
         """Choose the scale of the residuals."""
         largest = float(np.max(np.hypot(*residuals_px(view).T), initial=0.0))
         scale = 0.0
         if largest > 0:
             scale = max(1.0, round_down(_LONGEST * view.camera.width_px / largest))
-        return cls(view, pt_per_px, scale)
+        return cls(view, scale)
 
     def disc_pt(self, v_mag: Floats) -> Floats:
         """Return the diameters (k,) of discs for magnitudes (k,)."""
@@ -77,12 +80,13 @@ class Symbols:
             (StarState.IDENTIFIED, RING), (StarState.DISPLACED, DIAMOND),
             (StarState.UNIDENTIFIED, CROSS),
         ):
-            axes.plot(*view.xy_px[view.of_state(state)].T, zorder=3, **style)
+            which = np.intersect1d(view.of_state(state), view.drawn)
+            axes.plot(*view.xy_px[which].T, zorder=3, clip_on=False, **style)
         named = view.xy_px[view.solution.identification.state > 0]
-        axes.plot(*named.T, zorder=4, **DOT)
+        axes.plot(*named.T, zorder=4, clip_on=False, **DOT)
         for i in view.of_state(StarState.DISPLACED):
             axes.annotate(
-                "", view.xy_px[i], view.predicted_px[i], zorder=5,
+                "", view.xy_px[i], view.predicted_px[i], zorder=5, annotation_clip=False,
                 arrowprops={
                     "arrowstyle": "-|>", "color": VERMILION, "shrinkA": 0, "shrinkB": 0,
                     "mutation_scale": 6, "linewidth": 1.2,
@@ -99,21 +103,30 @@ class Symbols:
             *start_px.T, *(residual_px * self.residual_scale).T, angles="xy", scale_units="xy",
             scale=1, units="inches", width=0.016, headwidth=4, headlength=5, headaxislength=4.5,
             minlength=0, minshaft=1, color="black", zorder=5,
+            clip_on=False,
         )
 
     def _draw_guide_stars(self, axes: Axes) -> None:
         index, places = self.view.guide_stars
         sizes = self.disc_pt(self.view.catalog.v_mag[index])
         for (x, y), size, missing in zip(places, sizes, self.view.missing, strict=True):
-            axes.plot(x, y, markersize=size, zorder=2, **(MISSING if missing else GUIDE))
+            looks = MISSING if missing else GUIDE
+            axes.plot(x, y, markersize=size, zorder=2, clip_on=False, **looks)
 
-    def reach_pt(self) -> Floats:
-        """Return how far the symbols of the centroids (n,) reach, points."""
-        states = self.view.solution.identification.state
+    def reach_pt(self, centroids: NDArray[np.intp]) -> Floats:
+        """Return how far the symbols of some centroids (k,) reach, points."""
+        states = self.view.solution.identification.state[centroids]
         return np.array([_REACH[StarState(state)] for state in states])
 
-    def covered_px(self) -> tuple[Floats, Floats]:
-        """Return places (k, 2), px, and half sizes (k,), points, of what labels must not cover."""
+    def boxes(self, axes: Axes) -> Floats:
+        """Return the boxes (k, 4) of all symbols in display units, for labels to keep clear of."""
+        places, half_pt = self._covered_px()
+        at = axes.transData.transform(places)
+        half = half_pt[:, None] * axes.figure.dpi / 72
+        return np.hstack([at - half, at + half])
+
+    def _covered_px(self) -> tuple[Floats, Floats]:
+        """Return places (k, 2), px, and half sizes (k,), points, of symbols and arrows."""
         view = self.view
         index, places = view.guide_stars
         discs = self.disc_pt(view.catalog.v_mag[index]) / 2
@@ -123,10 +136,10 @@ class Symbols:
             _along(view.predicted_px[view.of_state(StarState.IDENTIFIED)],
                    residuals_px(view) * self.residual_scale),
         ]
-        arrows = np.concatenate(along)
+        arrows, shown = np.concatenate(along), view.drawn
         return (
-            np.concatenate([view.xy_px, places, arrows]),
-            np.concatenate([self.reach_pt(), discs, np.full(len(arrows), 1.5)]),
+            np.concatenate([view.xy_px[shown], places, arrows]),
+            np.concatenate([self.reach_pt(shown), discs, np.full(len(arrows), 1.5)]),
         )
 
 

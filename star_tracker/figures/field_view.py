@@ -13,6 +13,10 @@ from star_tracker.solution import Solution
 from star_tracker.spherical import Floats
 from star_tracker.star_maps import visible_stars
 
+#: How far outside of the image a centroid is drawn, in its longer sides: as far as the tracker
+#: makes use of one.
+_DRAWN_MARGIN = 0.05
+
 
 @dataclass(frozen=True)
 class FieldView:
@@ -69,6 +73,12 @@ class FieldView:
             places[named] = self.optics.pixels(directions)
         return places
 
+    @cached_property
+    def drawn(self) -> NDArray[np.intp]:
+        """Indices of the centroids in the image or next to it: those that are drawn."""
+        margin = _DRAWN_MARGIN * max(self.camera.width_px, self.camera.height_px)
+        return np.flatnonzero(self.camera.contains(self.xy_px, margin))
+
     def of_state(self, state: StarState) -> NDArray[np.intp]:
         """Return the centroids of a state, as indices."""
         return np.flatnonzero(self.solution.identification.state == state)
@@ -83,7 +93,8 @@ class FieldView:
         states = (StarState.IDENTIFIED, StarState.DISPLACED, StarState.UNIDENTIFIED)
         counts = [f"{len(self.of_state(state))} {state.name.lower()}" for state in states]
         missing = f"{int(self.missing.sum())} guide stars missing"
-        return f"{solution.status.value}, {', '.join([*counts, missing])}"
+        outside = [f"{solution.n_ignored} of them outside"] if solution.n_ignored else []
+        return f"{solution.status.value}, {', '.join([*counts, *outside, missing])}"
 
     def guide_star_name(self, index: int) -> str:
         """Return its number in the paper where all guide stars have one, else its HIP number."""

@@ -1,12 +1,14 @@
 """The grid of right ascension and declination in a picture, each line with its label."""
 
+from itertools import pairwise
+
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from star_tracker.camera import Camera
 from star_tracker.figures.placement import overlap_area
 from star_tracker.figures.sky_grid import GridLine, grid_lines
+from star_tracker.figures.style import text_box
 from star_tracker.spherical import Floats
 
 _COLOR = "0.72"
@@ -19,34 +21,33 @@ _SIDES = (
 )
 
 
-def draw_grid(axes: Axes, camera: Camera, rotation: Floats) -> Floats:
+def draw_grid(axes: Axes, camera: Camera, rotation: Floats, symbols: Floats) -> Floats:
     """Draw the lines and return the boxes (k, 4) of their labels, display units.
 
-    A line whose label would cover another one is drawn without.
+    A line whose label would cover another one, or one of the `symbols` (m, 4), boxes, is drawn
+    without.
     """
-    taken = np.zeros((0, 4))
+    taken = symbols
     for line in grid_lines(camera, rotation):
         axes.plot(
             *line.xy_px.T, color=_COLOR, linewidth=0.7, zorder=1,
             linestyle="-" if line.is_ra else (0, (4, 2)),
         )
         taken = _label(axes, line, taken)
-    return taken
+    return taken[len(symbols):]
 
 
 def _label(axes: Axes, line: GridLine, taken: Floats) -> Floats:
     """Write a line's label at the first of its ends that is free; return what is taken now."""
-    canvas = axes.figure.canvas
-    assert isinstance(canvas, FigureCanvasAgg)
     ends = _ends(axes, line.xy_px)
     for side, offset, ha, va in _SIDES:
         for end in ends.get(side, []):
             text = axes.annotate(
-                line.label, tuple(end), offset, xycoords="axes fraction",
+                line.label, (end[0], end[1]), offset, xycoords="axes fraction",
                 textcoords="offset points", ha=ha, va=va, fontsize=_LABEL_PT, color="0.3",
                 zorder=1.2, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
             )
-            box = np.array(text.get_window_extent(canvas.get_renderer()).extents)
+            box = text_box(text)
             if not np.any(overlap_area(box, taken) > 0):
                 return np.vstack([taken, box])
             text.remove()
@@ -60,7 +61,7 @@ def _ends(axes: Axes, xy_px: Floats) -> dict[str, list[Floats]]:
     finite = np.isfinite(xy_px).all(axis=1)
     path[finite] = to_axes.transform(xy_px[finite])
     ends: dict[str, list[Floats]] = {}
-    for a, b in zip(path[:-1], path[1:], strict=True):
+    for a, b in pairwise(path):
         if not np.isfinite([a, b]).all():
             continue
         for side, axis, level in (

@@ -98,7 +98,10 @@ def _candidates(
     where = boxes(centre, sizes[:, None])
     area = np.prod(sizes, axis=1)[:, None]
     inside = overlap_area(where, frame)
-    covered = overlap_area(where[:, :, None], symbols[None, None]).sum(axis=2)
+    # One label at a time: all at once would be gigabytes for a thousand stars.
+    covered = np.array([
+        overlap_area(its_own[:, None], symbols).sum(axis=1) for its_own in where
+    ])
     preference = _STEP * np.tile(np.arange(len(direction)), len(_DISTANCES)) + _DISTANCE * steps
     cost = (
         preference[None] + _COVERS_SYMBOL * covered / area

@@ -18,7 +18,7 @@ from star_tracker.figures.field_symbols import (
     round_down,
 )
 from star_tracker.figures.field_view import FieldView
-from star_tracker.figures.style import VERMILION
+from star_tracker.figures.style import VERMILION, Looks
 from star_tracker.labels import StarState
 from star_tracker.spherical import Floats, tangent_basis
 
@@ -72,7 +72,7 @@ def _handles(view: FieldView, symbols: Symbols) -> Iterator[Line2D]:
     yield _handle(BORESIGHT, "principal point")
 
 
-def _handle(style: dict[str, object], label: str) -> Line2D:
+def _handle(style: Looks, label: str) -> Line2D:
     return Line2D([], [], label=label, **style)
 
 
@@ -87,7 +87,8 @@ def _draw_compass(panel: Axes, rotation: Floats) -> None:
             "", tuple(tip), _COMPASS,
             arrowprops={"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0},
         )
-        panel.text(*(_COMPASS + (_ARROW + 0.12) * along), name, ha="center", va="center")
+        x, y = _COMPASS + (_ARROW + 0.12) * along
+        panel.text(x, y, name, ha="center", va="center")
 
 
 def _draw_scales(

@@ -34,7 +34,8 @@ def grid_lines(camera: Camera, rotation: Floats) -> list[GridLine]:
     lines = []
     for dec in _multiples(dec_deg, dec_step):
         if abs(dec) < 90:
-            along = np.linspace(*_widened(ra_deg), _SAMPLES)
+            low, high = _widened(ra_deg)
+            along = np.linspace(low, high, _SAMPLES)
             path = _in_image(camera, rotation, along, np.full(_SAMPLES, dec))
             lines.append(GridLine(f"δ {_text(dec, dec_step, '+')}", False, path))
     ra_step = _step_deg(float(np.ptp(ra_deg)))
@@ -75,13 +76,13 @@ def _step_deg(width_deg: float) -> float:
 
 def _multiples(range_deg: Floats, step_deg: float) -> Floats:
     low, high = range_deg / step_deg
-    return np.arange(np.ceil(low - 1e-9), np.floor(high + 1e-9) + 1) * step_deg
+    return np.asarray(np.arange(np.ceil(low - 1e-9), np.floor(high + 1e-9) + 1) * step_deg)
 
 
 def _widened(range_deg: Floats) -> Floats:
     """Return a range with a margin, lest a line end within the image."""
     margin = 0.05 * np.ptp(range_deg)
-    return range_deg + np.array([-margin, margin])
+    return np.asarray(range_deg + np.array([-margin, margin]))
 
 
 def _in_image(camera: Camera, rotation: Floats, ra_deg: Floats, dec_deg: Floats) -> Floats:

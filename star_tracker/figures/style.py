@@ -7,15 +7,22 @@ same bytes. What a symbol means shows in its shape and its lightness first, in i
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from matplotlib import style
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from star_tracker.spherical import Floats
 
 #: Okabe and Ito's palette, which colour-blind eyes can tell apart (jfly.uni-koeln.de/color).
 BLUE, VERMILION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 #: The sequential colour map: its lightness grows steadily, for colour-blind eyes and in grey.
 SEQUENTIAL = "cividis"
+#: Arguments of matplotlib that give a symbol its looks.
+Looks = dict[str, Any]
 FORMATS = (".png", ".svg", ".pdf")
 #: What matplotlib would write of time and version into a file, left out.
 _METADATA: dict[str, dict[str, None]] = {
@@ -43,6 +50,13 @@ def new_figure(width_in: float, height_in: float, dpi: float = 100.0) -> Figure:
     figure = Figure(figsize=(width_in, height_in), dpi=dpi)
     FigureCanvasAgg(figure)
     return figure
+
+
+def text_box(text: Text) -> Floats:
+    """Return the box (4,) that a text takes: left, bottom, right, top, in display units."""
+    assert text.figure is not None
+    canvas: Any = text.figure.canvas
+    return np.array(text.get_window_extent(canvas.get_renderer()).extents, float)
 
 
 def check_format(path: Path) -> None:
