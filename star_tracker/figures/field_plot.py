@@ -17,11 +17,11 @@ from star_tracker.figures.grid_plot import draw_grid
 from star_tracker.figures.side_panel import draw_side_panel
 from star_tracker.figures.style import new_figure
 
-#: Inches: the image's longer side, its margins, the column beside it; the lowest picture.
+#: Inches: the image's longer side, its margins, the column beside it; the smallest picture.
 _LONG_SIDE, _LEFT, _BOTTOM, _TOP, _GAP, _SIDE = 6.0, 0.52, 0.42, 0.85, 0.5, 1.62
-_LOWEST = 3.9
-#: Characters of a line of the title.
-_TITLE_WIDTH = 110
+_NARROWEST, _LOWEST = 6.2, 3.9
+#: Characters of the title to an inch.
+_PER_INCH = 13.5
 #: Text is measured at this resolution.
 _DPI = 144.0
 
@@ -31,7 +31,9 @@ def draw_field(view: FieldView) -> Figure:
     width, height = view.camera.width_px, view.camera.height_px
     inch_per_px = _LONG_SIDE / max(width, height)
     wide, high = width * inch_per_px, height * inch_per_px
-    size = _LEFT + wide + _GAP + _SIDE, max(_BOTTOM + high + _TOP, _LOWEST)
+    size = (
+        max(_LEFT + wide + _GAP + _SIDE, _NARROWEST), max(_BOTTOM + high + _TOP, _LOWEST)
+    )
     figure = new_figure(*size, dpi=_DPI)
     low = size[1] - _TOP - high
     axes = figure.add_axes((_LEFT / size[0], low / size[1], wide / size[0], high / size[1]))
@@ -62,7 +64,8 @@ def _prepare(axes: Axes, view: FieldView) -> None:
 def _write_title(figure: Figure, view: FieldView, left_in: float) -> None:
     """Write how the frame ended, in bold, and below it where the camera points."""
     wide, high = figure.get_size_inches()
-    head = textwrap.wrap(f"{view.name}: {view.summary}", _TITLE_WIDTH)[:2]
+    width = int((wide - left_in) * _PER_INCH)
+    head = textwrap.wrap(f"{view.name}: {view.summary}", width, max_lines=3)
     for lines, above, weight in ((head, 0, "bold"), (_pose_and_field(view), len(head), "normal")):
         figure.text(
             left_in / wide, 1 - (0.09 + 0.16 * above) / high, "\n".join(lines), va="top",
@@ -82,7 +85,9 @@ def _pose_and_field(view: FieldView) -> list[str]:
         return [field]
     ra, dec, roll = np.degrees((attitude.ra_rad, attitude.dec_rad, attitude.roll_rad))
     pose = f"boresight α {ra:.4f}°, δ {dec:+.4f}°, roll {roll:.4f}°".replace("-", "−")
+    # A probability of 0 is one too small for a number.
+    wrong = f"{solution.wrong_probability:.1g}" if solution.wrong_probability else "< 1e-300"
     return [
-        f"{pose}; wrong with probability {solution.wrong_probability:.1g}",
+        f"{pose}; wrong with probability {wrong}",
         f"{field}; residuals {solution.rms_px:.3f} px rms",
     ]

@@ -99,4 +99,5 @@ def _in_image(camera: Camera, rotation: Floats, ra_deg: Floats, dec_deg: Floats)
 
 
 def _text(angle_deg: float, step_deg: float, sign: str) -> str:
-    return f"{angle_deg:{sign}.{0 if step_deg >= 1 else 1}f}°".replace("-", "−")
+    text = f"{angle_deg:{sign if angle_deg else ''}.{0 if step_deg >= 1 else 1}f}°"
+    return text.replace("-", "−")

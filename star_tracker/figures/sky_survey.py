@@ -1,0 +1,77 @@
+"""How well fields all over the sky are solved: no matplotlib in here."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from star_tracker.attitude import rotation_from_boresight
+from star_tracker.evaluation import Condition, boresight_error_deg
+from star_tracker.solution import Status
+from star_tracker.spherical import Floats, ra_dec
+from star_tracker.star_maps import synthetic_field, visible_stars
+from star_tracker.tracker import StarTracker
+
+_GOLDEN_ANGLE_RAD = float(np.pi * (3 - np.sqrt(5)))
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What became of the frames of fields all over the sky.
+
+    Attributes:
+        boresights: (n, 3) unit vectors, ICRS.
+        frames: how many frames, at random rolls, each field was given.
+        guide_stars: (n,) mean number of guide stars in the image.
+        right: (n,) frames whose attitude was found.
+        wrong: (n,) frames that were solved with a wrong attitude.
+    """
+
+    boresights: Floats
+    frames: int
+    guide_stars: Floats
+    right: NDArray[np.int64]
+    wrong: NDArray[np.int64]
+
+    @property
+    def rate_percent(self) -> Floats:
+        """Share of frames (n,) whose attitude was found."""
+        return np.asarray(100.0 * self.right / self.frames)
+
+
+def fibonacci_lattice(n: int) -> Floats:
+    """Return unit vectors (n, 3) spread evenly over the sphere.
+
+    Equal steps of height, each a golden angle farther in right ascension (Gonzalez 2010,
+    doi:10.1007/s11004-009-9257-x). Raises ValueError for no points.
+    """
+    if n < 1:
+        raise ValueError("a lattice has at least one point")
+    i = np.arange(n)
+    z = 1 - (2 * i + 1) / n
+    radius, ra = np.sqrt(1 - z * z), _GOLDEN_ANGLE_RAD * i
+    return np.column_stack([radius * np.cos(ra), radius * np.sin(ra), z])
+
+
+def survey(
+    tracker: StarTracker, condition: Condition, n_fields: int, n_frames: int, seed: int
+) -> Survey:
+    """Solve seeded frames of a condition at random rolls, in fields all over the sky."""
+    rng = np.random.default_rng(seed)
+    catalog, camera = tracker.database.catalog, tracker.camera
+    boresights = fibonacci_lattice(n_fields)
+    guide_stars = np.zeros(n_fields)
+    counts = np.zeros((2, n_fields), np.int64)
+    limit_deg = condition.correct_deg(camera)
+    for at, (ra, dec) in enumerate(zip(*ra_dec(boresights), strict=True)):
+        for roll in rng.uniform(0, 2 * np.pi, n_frames):
+            rotation = rotation_from_boresight(ra, dec, roll)
+            guide_stars[at] += len(visible_stars(catalog, camera, rotation)[0]) / n_frames
+            frame = synthetic_field(
+                catalog, camera, rotation, rng, noise_px=condition.noise_px,
+                missing=condition.missing, false_stars=condition.false_stars,
+            )
+            solution = tracker.solve(frame.xy_px)
+            if solution.status is Status.SOLVED:
+                counts[int(boresight_error_deg(solution, frame) > limit_deg), at] += 1
+    return Survey(boresights, n_frames, guide_stars, *counts)
