@@ -14,7 +14,7 @@ ros := $(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo sourced || echo w
 ready := $(VENV)/.ready-$(version)-$(ros)-$(notdir $(CONSTRAINTS))
 python := $(VENV)/bin/python
 
-.PHONY: demo test lint data benchmark clean
+.PHONY: demo test lint data figures benchmark clean
 
 demo: $(ready)
 	$(python) -m star_tracker.nodes.demo
@@ -33,6 +33,10 @@ lint: $(ready)-lint
 data: $(ready)
 	$(python) data/build_catalog.py
 	$(python) data/build_star_maps.py
+
+# The pictures of README.md and docs/, in a few minutes.
+figures: $(ready)
+	$(python) benchmark/make_figures.py $(ARGS)
 
 # Against other star identifiers, in a few minutes; ARGS=--full takes about ten times as long.
 benchmark: $(ready)-benchmark

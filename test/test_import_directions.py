@@ -46,6 +46,7 @@ ROOMS = {
         "attitude", "camera", "database", "distortion", "evidence", "field", "labels",
         "path", "radial_cyclic", "search", "solution", "spherical", "verification", "votes",
     },
+    "frame_file": {"spherical"},
     "star_maps": {"attitude", "camera", "catalog", "resources", "spherical"},
     "attachments": {"camera", "catalog", "spherical", "star_maps"},
     "evaluation": {"camera", "catalog", "solution", "spherical", "star_maps", "tracker"},
@@ -72,6 +73,28 @@ COMMANDS = {
     "calibrate": {"rich"},
     "compare": {"rich"},
     "geometry": {"rich"},
+    "plot": set(),
+}
+#: The commands that may import the figures too, and only inside of a function.
+DRAWING = {"plot"}
+#: Each module of the figures with the figures that it may import, and whether it draws. They may
+#: import all of the core; nothing else imports matplotlib.
+FIGURES = {
+    "__init__": (set(), False),
+    "style": (set(), True),
+    "placement": (set(), False),
+    "field_view": (set(), False),
+    "sky_grid": (set(), False),
+    "sky_survey": (set(), False),
+    "field_symbols": ({"field_view", "style"}, True),
+    "field_labels": ({"field_symbols", "field_view", "placement", "style"}, True),
+    "grid_plot": ({"placement", "sky_grid", "style"}, True),
+    "side_panel": ({"field_symbols", "field_view", "style"}, True),
+    "field_plot": (
+        {"field_labels", "field_symbols", "field_view", "grid_plot", "side_panel", "style"}, True,
+    ),
+    "sky_map": ({"sky_survey", "style"}, True),
+    "pair_histogram": ({"style"}, True),
 }
 ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros", "msg_adapters"}
 
@@ -124,9 +147,42 @@ def test_a_command_imports_the_core_and_its_own_libraries(source):
     names = imports(source)
     others = tops_of(names) - sys.stdlib_module_names - {"star_tracker"}
     assert others <= LIBRARIES | COMMANDS[source.stem]
-    assert rooms_of(names) <= set(ROOMS) - {"cli"} | {"commands"}
+    figures = {"figures"} if source.stem in DRAWING else set()
+    assert rooms_of(names) <= set(ROOMS) - {"cli"} | {"commands"} | figures
     commands = {name.split(".")[2] for name in names if name.startswith("star_tracker.commands.")}
     assert commands <= {"options"}
+
+
+def test_every_figure_has_its_row():
+    assert {path.stem for path in modules(CORE / "figures")} == set(FIGURES)
+
+
+@named([path for path in modules(CORE / "figures") if path.stem in FIGURES])
+def test_a_figure_imports_the_core_and_the_figures_below_it(source):
+    names = imports(source)
+    below, draws = FIGURES[source.stem]
+    others = tops_of(names) - sys.stdlib_module_names - {"star_tracker"}
+    assert others <= LIBRARIES | ({"matplotlib"} if draws else set())
+    assert rooms_of(names) <= set(ROOMS) - {"cli"} | {"figures"}
+    figures = {name.split(".")[2] for name in names if name.startswith("star_tracker.figures.")}
+    assert figures <= below
+
+
+@named([path for path in modules(CORE / "figures") if path.stem in FIGURES])
+def test_a_figure_does_without_pyplot(source):
+    """Its global state asks for a screen and keeps every figure alive."""
+    tree = ast.parse(source.read_text(encoding="utf-8"))
+    named = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    assert "matplotlib.pyplot" not in imports(source)
+    assert "pyplot" not in {alias.name for node in named for alias in node.names}
+
+
+@named([CORE / "commands" / f"{name}.py" for name in sorted(DRAWING)])
+def test_a_command_imports_figures_only_where_it_draws(source):
+    """The other commands work without matplotlib, though all are imported."""
+    tree = ast.parse(source.read_text(encoding="utf-8"))
+    at_top = [node.module or "" for node in tree.body if isinstance(node, ast.ImportFrom)]
+    assert not [module for module in at_top if module.startswith("star_tracker.figures")]
 
 
 @named(modules(CORE))

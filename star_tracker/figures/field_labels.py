@@ -23,14 +23,13 @@ _GAP_PT, _PADDING_PT = 1.0, 0.7
 def label_stars(axes: Axes, view: FieldView, symbols: Symbols, taken: Floats) -> None:
     """Write the names; boxes (k, 4) in display units are taken already.
 
-    A label that finds no room is left out, not written over another.
+    A label that finds no room is left out, not written over another; the picture says how many.
     """
     points, texts, gaps = _labels(view, symbols)
     if not texts:
         return
-    small = len(texts) > _MANY
     labels = [
-        _text(axes, point, text, _SMALL_PT if small else _FONT_PT, style)
+        _text(axes, point, text, _SMALL_PT if len(texts) > _MANY else _FONT_PT, style)
         for point, (text, style) in zip(points, texts, strict=True)
     ]
     per_pt = axes.figure.dpi / 72
@@ -47,6 +46,12 @@ def label_stars(axes: Axes, view: FieldView, symbols: Symbols, taken: Floats) ->
         if placed.shown[i] and placed.far[i]:
             ends = axes.transData.inverted().transform([display[i], placed.centre[i]])
             axes.plot(*ends.T, color="0.45", linewidth=0.6, zorder=2.5)
+    left_out = int(np.sum(~placed.shown))
+    if left_out:
+        axes.annotate(
+            f"{left_out} names left out for want of room", (1, 0), (0, -19), ha="right", va="top",
+            xycoords="axes fraction", textcoords="offset points", fontsize=7,
+        )
 
 
 def _labels(

@@ -41,6 +41,8 @@ BORESIGHT: Looks = {"marker": "+", "color": "0.4", "markersize": 9.0, "linestyle
 _REACH = {StarState.UNIDENTIFIED: 4.0, StarState.IDENTIFIED: 7.0, StarState.DISPLACED: 8.0}
 #: The largest residual is drawn about this long, in widths of the image.
 _LONGEST = 0.07
+#: More stars than this are drawn smaller, but not below a share of the size.
+_CROWD, _SMALLEST = 50, 0.55
 _SMALLEST_PT, _LARGEST_PT, _PT_PER_MAGNITUDE = 2.6, 10.0, 1.5
 
 
@@ -51,25 +53,32 @@ class Symbols:
     Attributes:
         view: the frame.
         residual_scale: how many times too long residuals are drawn; 0 = none are.
+        size: of the symbols, 1 = that of a field that is not crowded.
     """
 
     view: FieldView
     residual_scale: float
+    size: float
 
     @classmethod
     def of(cls, view: FieldView) -> "Symbols":
-        """Choose the scale of the residuals."""
+        """Choose the scale of the residuals and the size of the symbols."""
         largest = float(np.max(np.hypot(*residuals_px(view).T), initial=0.0))
         scale = 0.0
         if largest > 0:
             scale = max(1.0, round_down(_LONGEST * view.camera.width_px / largest))
-        return cls(view, scale)
+        crowd = len(view.drawn) + int(view.missing.sum())
+        return cls(view, scale, float(np.clip(np.sqrt(_CROWD / max(crowd, 1)), _SMALLEST, 1.0)))
+
+    def scaled(self, looks: Looks) -> Looks:
+        """Return how a symbol is drawn in a picture as crowded as this."""
+        return {**looks, "markersize": looks["markersize"] * self.size}
 
     def disc_pt(self, v_mag: Floats) -> Floats:
         """Return the diameters (k,) of discs for magnitudes (k,)."""
         faintest = float(np.max(self.view.catalog.v_mag))
         size = _SMALLEST_PT + _PT_PER_MAGNITUDE * (faintest - v_mag)
-        return np.clip(size, _SMALLEST_PT, _LARGEST_PT)
+        return np.asarray(np.clip(size, _SMALLEST_PT, _LARGEST_PT) * self.size)
 
     def draw(self, axes: Axes) -> None:
         """Draw all stars."""
@@ -81,9 +90,9 @@ class Symbols:
             (StarState.UNIDENTIFIED, CROSS),
         ):
             which = np.intersect1d(view.of_state(state), view.drawn)
-            axes.plot(*view.xy_px[which].T, zorder=3, clip_on=False, **style)
+            axes.plot(*view.xy_px[which].T, zorder=3, clip_on=False, **self.scaled(style))
         named = view.xy_px[view.solution.identification.state > 0]
-        axes.plot(*named.T, zorder=4, clip_on=False, **DOT)
+        axes.plot(*named.T, zorder=4, clip_on=False, **self.scaled(DOT))
         for i in view.of_state(StarState.DISPLACED):
             axes.annotate(
                 "", view.xy_px[i], view.predicted_px[i], zorder=5, annotation_clip=False,
@@ -116,7 +125,7 @@ class Symbols:
     def reach_pt(self, centroids: NDArray[np.intp]) -> Floats:
         """Return how far the symbols of some centroids (k,) reach, points."""
         states = self.view.solution.identification.state[centroids]
-        return np.array([_REACH[StarState(state)] for state in states])
+        return np.array([_REACH[StarState(state)] * self.size for state in states])
 
     def boxes(self, axes: Axes) -> Floats:
         """Return the boxes (k, 4) of all symbols in display units, for labels to keep clear of."""

@@ -15,7 +15,7 @@ BIN_DEG = 0.01
 def pairs_per_bin(pairs: PairTable) -> tuple[Floats, Floats]:
     """Return the edges (bins + 1,), degrees, and the number of undirected pairs (bins,)."""
     bins = round(float(np.degrees(pairs.max_separation_rad)) / BIN_DEG)
-    edges = np.arange(bins + 1) * BIN_DEG
+    edges = np.linspace(0.0, bins * BIN_DEG, bins + 1)
     # Each pair is stored in both directions.
     directed, _ = np.histogram(np.degrees(pairs.separation_rad.astype(float)), edges)
     return edges, directed / 2

@@ -56,7 +56,7 @@ def _handles(view: FieldView, symbols: Symbols) -> Iterator[Line2D]:
     ):
         n = len(view.of_state(state))
         if n:
-            yield _handle(style, f"{name} ({n})")
+            yield _handle(symbols.scaled(style), f"{name} ({n})")
         if n and state is StarState.DISPLACED:
             yield Line2D([], [], color=VERMILION, marker=">", markersize=4, linewidth=1.2,
                          label="should be → was seen")
@@ -64,7 +64,7 @@ def _handles(view: FieldView, symbols: Symbols) -> Iterator[Line2D]:
         return
     n = int(view.missing.sum())
     if n:
-        yield _handle(MISSING | {"markersize": 5.0}, f"guide star missing ({n})")
+        yield _handle(MISSING | {"markersize": 5.0 * symbols.size}, f"guide star missing ({n})")
     faintest = int(np.floor(np.max(view.catalog.v_mag)))
     for v in range(faintest - 4, faintest + 1, 2):
         size = float(symbols.disc_pt(np.array([v]))[0])

@@ -1,6 +1,7 @@
 """Maps of the whole sky: where fields are solved, and how many guide stars they have."""
 
 import numpy as np
+from matplotlib import patheffects
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
@@ -21,12 +22,12 @@ def draw_sky_map(found: Survey, title: str) -> Figure:
     Mollweide's projection, in which equal areas of the sky have equal areas; right ascension
     grows to the left, as seen from inside. Each field stands for the sky that is nearest to it.
     """
-    figure = new_figure(6.6, 7.6)
-    figure.text(0.03, 0.985, title, va="top", fontsize=9, linespacing=1.4)
-    lowest = float(np.floor(found.rate_percent.min() / 10) * 10) if len(found.right) else 0.0
-    _draw(figure, (0.03, 0.49, 0.83, 0.43), found, found.rate_percent,
+    figure = new_figure(6.6, 6.7)
+    figure.text(0.02, 0.985, title, va="top", fontsize=9, linespacing=1.4)
+    lowest = float(np.floor(found.rate_percent.min() / 10) * 10)
+    _draw(figure, (0.06, 0.48, 0.78, 0.45), found, found.rate_percent,
           ("frames solved rightly, %", min(lowest, 90.0), 100.0))
-    _draw(figure, (0.03, 0.02, 0.83, 0.43), found, found.guide_stars,
+    _draw(figure, (0.06, 0.01, 0.78, 0.45), found, found.guide_stars,
           ("guide stars in the field", 0.0, float(found.guide_stars.max())))
     return figure
 
@@ -47,13 +48,15 @@ def _draw(
         across, up * np.pi, values[nearest], cmap=SEQUENTIAL, vmin=lowest, vmax=highest,
         rasterized=True,
     )
-    axes.plot(*_galactic_equator(), color="white", linewidth=1.0, linestyle=(0, (4, 3)))
+    for color, width in (("white", 2.2), ("black", 0.9)):
+        axes.plot(*_galactic_equator(), color=color, linewidth=width, linestyle=(0, (5, 3)))
+    halo = [patheffects.withStroke(linewidth=2, foreground="white")]
     axes.set_xticks([np.pi - np.radians(ra) for ra in _RA_LABELS_DEG])
-    axes.set_xticklabels([f"{ra}°" for ra in _RA_LABELS_DEG], fontsize=7, color="white")
+    axes.set_xticklabels([f"{ra}°" for ra in _RA_LABELS_DEG], fontsize=7, path_effects=halo)
     axes.set_yticks(np.radians(range(-60, 61, 30)))
     axes.set_yticklabels([f"{dec:+d}°".replace("-", "−") for dec in range(-60, 61, 30)],
                          fontsize=7)
-    axes.grid(visible=True, color="white", linewidth=0.3, alpha=0.6)
+    axes.grid(visible=True, color="0.6", linewidth=0.4)
     bar = figure.add_axes((place[0] + place[2] + 0.03, place[1] + 0.06, 0.02, place[3] - 0.12))
     figure.colorbar(image, cax=bar, label=name)
 

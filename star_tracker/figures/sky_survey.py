@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from star_tracker.attitude import rotation_from_boresight
 from star_tracker.evaluation import Condition, boresight_error_deg
+from star_tracker.path import MIN_STARS
 from star_tracker.solution import Status
 from star_tracker.spherical import Floats, ra_dec
 from star_tracker.star_maps import synthetic_field, visible_stars
@@ -23,6 +24,7 @@ class Survey:
         boresights: (n, 3) unit vectors, ICRS.
         frames: how many frames, at random rolls, each field was given.
         guide_stars: (n,) mean number of guide stars in the image.
+        possible: (n,) frames that showed enough stars, four, to be solved at all.
         right: (n,) frames whose attitude was found.
         wrong: (n,) frames that were solved with a wrong attitude.
     """
@@ -30,6 +32,7 @@ class Survey:
     boresights: Floats
     frames: int
     guide_stars: Floats
+    possible: NDArray[np.int64]
     right: NDArray[np.int64]
     wrong: NDArray[np.int64]
 
@@ -61,7 +64,7 @@ def survey(
     catalog, camera = tracker.database.catalog, tracker.camera
     boresights = fibonacci_lattice(n_fields)
     guide_stars = np.zeros(n_fields)
-    counts = np.zeros((2, n_fields), np.int64)
+    possible, right, wrong = np.zeros((3, n_fields), np.int64)
     limit_deg = condition.correct_deg(camera)
     for at, (ra, dec) in enumerate(zip(*ra_dec(boresights), strict=True)):
         for roll in rng.uniform(0, 2 * np.pi, n_frames):
@@ -71,7 +74,10 @@ def survey(
                 catalog, camera, rotation, rng, noise_px=condition.noise_px,
                 missing=condition.missing, false_stars=condition.false_stars,
             )
+            possible[at] += np.sum(frame.catalog_index >= 0) >= MIN_STARS
             solution = tracker.solve(frame.xy_px)
             if solution.status is Status.SOLVED:
-                counts[int(boresight_error_deg(solution, frame) > limit_deg), at] += 1
-    return Survey(boresights, n_frames, guide_stars, *counts)
+                is_right = boresight_error_deg(solution, frame) <= limit_deg
+                right[at] += is_right
+                wrong[at] += not is_right
+    return Survey(boresights, n_frames, guide_stars, possible, right, wrong)
