@@ -1,14 +1,13 @@
 """The names beside the stars of a picture, placed so that they can be read."""
 
 import numpy as np
-from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.text import Annotation
 
 from star_tracker.figures.field_symbols import Symbols
 from star_tracker.figures.field_view import FieldView
 from star_tracker.figures.placement import place_labels
-from star_tracker.figures.style import Looks, text_box
+from star_tracker.figures.style import HALO, Looks, text_box
 from star_tracker.labels import StarState
 from star_tracker.spherical import Floats
 
@@ -88,7 +87,7 @@ def _text(
     label = axes.annotate(
         text, (point[0], point[1]), (0, 0), textcoords="offset points", ha="center", va="center",
         fontsize=size_pt, zorder=6, linespacing=1.05, annotation_clip=False,
-        path_effects=[patheffects.withStroke(linewidth=1.8, foreground="white")], **style,
+        path_effects=HALO, **style,
     )
     label.set_label(STAR_LABEL)
     return label

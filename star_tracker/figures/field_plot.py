@@ -15,7 +15,7 @@ from star_tracker.figures.field_symbols import Symbols
 from star_tracker.figures.field_view import FieldView
 from star_tracker.figures.grid_plot import draw_grid
 from star_tracker.figures.side_panel import draw_side_panel
-from star_tracker.figures.style import new_figure
+from star_tracker.figures.style import HALO, new_figure
 
 #: Inches: the image's longer side, its margins, the column beside it; the smallest picture.
 _LONG_SIDE, _LEFT, _BOTTOM, _TOP, _GAP, _SIDE = 6.0, 0.52, 0.42, 0.85, 0.5, 1.62
@@ -59,6 +59,10 @@ def _prepare(axes: Axes, view: FieldView) -> None:
     axes.set_xlabel("x, px", labelpad=1)
     axes.set_ylabel("y, px", labelpad=1)
     axes.tick_params(labelsize=7, length=3)
+    for axis in (axes.xaxis, axes.yaxis):  # above the arrows of stars at the border
+        axis.set_zorder(7)
+        for label in axis.get_ticklabels():
+            label.set_path_effects(list(HALO))
 
 
 def _write_title(figure: Figure, view: FieldView, left_in: float) -> None:

@@ -1,12 +1,11 @@
 """Maps of the whole sky: where fields are solved, and how many guide stars they have."""
 
 import numpy as np
-from matplotlib import patheffects
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from star_tracker.figures.sky_survey import Survey
-from star_tracker.figures.style import SEQUENTIAL, new_figure
+from star_tracker.figures.style import HALO, SEQUENTIAL, new_figure
 from star_tracker.spherical import Floats, ra_dec, tangent_basis, unit_vectors
 
 #: North galactic pole, ICRS (ESA SP-1200, volume 1, 1.5.3).
@@ -50,9 +49,8 @@ def _draw(
     )
     for color, width in (("white", 2.2), ("black", 0.9)):
         axes.plot(*_galactic_equator(), color=color, linewidth=width, linestyle=(0, (5, 3)))
-    halo = [patheffects.withStroke(linewidth=2, foreground="white")]
     axes.set_xticks([np.pi - np.radians(ra) for ra in _RA_LABELS_DEG])
-    axes.set_xticklabels([f"{ra}°" for ra in _RA_LABELS_DEG], fontsize=7, path_effects=halo)
+    axes.set_xticklabels([f"{ra}°" for ra in _RA_LABELS_DEG], fontsize=7, path_effects=HALO)
     axes.set_yticks(np.radians(range(-60, 61, 30)))
     axes.set_yticklabels([f"{dec:+d}°".replace("-", "−") for dec in range(-60, 61, 30)],
                          fontsize=7)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import style
+from matplotlib import patheffects, style
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -23,6 +23,8 @@ BLUE, VERMILION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 SEQUENTIAL = "cividis"
 #: Arguments of matplotlib that give a symbol its looks.
 Looks = dict[str, Any]
+#: Around text that lies on something: text can be read on any ground.
+HALO = (patheffects.withStroke(linewidth=1.8, foreground="white"),)
 FORMATS = (".png", ".svg", ".pdf")
 #: What matplotlib would write of time and version into a file, left out.
 _METADATA: dict[str, dict[str, None]] = {
