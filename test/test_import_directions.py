@@ -93,7 +93,7 @@ FIGURES = {
     "field_plot": (
         {"field_labels", "field_symbols", "field_view", "grid_plot", "side_panel", "style"}, True,
     ),
-    "sky_map": ({"sky_survey", "style"}, True),
+    "sky_map": ({"sky_grid", "sky_survey", "style"}, True),
     "pair_histogram": ({"style"}, True),
 }
 ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros", "msg_adapters"}

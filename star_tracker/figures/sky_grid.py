@@ -37,13 +37,13 @@ def grid_lines(camera: Camera, rotation: Floats) -> list[GridLine]:
             low, high = _widened(ra_deg)
             along = np.linspace(low, high, _SAMPLES)
             path = _in_image(camera, rotation, along, np.full(_SAMPLES, dec))
-            lines.append(GridLine(f"δ {_text(dec, dec_step, '+')}", False, path))
+            lines.append(GridLine(f"δ {degrees_text(dec, _decimals(dec_step), '+')}", False, path))
     ra_step = _step_deg(float(np.ptp(ra_deg)))
     # Near a pole all lines of right ascension come together: leave its surroundings free.
     low, high = np.clip(_widened(dec_deg), -90 + dec_step, 90 - dec_step)
     for ra in np.unique(np.round(_multiples(ra_deg, ra_step) % 360, 6)):
         path = _in_image(camera, rotation, np.full(_SAMPLES, ra), np.linspace(low, high, _SAMPLES))
-        lines.append(GridLine(f"α {_text(ra, ra_step, '')}", True, path))
+        lines.append(GridLine(f"α {degrees_text(ra, _decimals(ra_step))}", True, path))
     return [line for line in lines if np.isfinite(line.xy_px).any()]
 
 
@@ -98,6 +98,11 @@ def _in_image(camera: Camera, rotation: Floats, ra_deg: Floats, dec_deg: Floats)
     return path
 
 
-def _text(angle_deg: float, step_deg: float, sign: str) -> str:
-    text = f"{angle_deg:{sign if angle_deg else ''}.{0 if step_deg >= 1 else 1}f}°"
+def _decimals(step_deg: float) -> int:
+    return 0 if step_deg >= 1 else 1
+
+
+def degrees_text(angle_deg: float, decimals: int, sign: str = "") -> str:
+    """Return an angle as a picture has it; with sign `+` also in front of one above 0."""
+    text = f"{angle_deg:{sign if angle_deg else ''}.{decimals}f}°"
     return text.replace("-", "−")

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
+from star_tracker.figures.sky_grid import degrees_text
 from star_tracker.figures.sky_survey import Survey
 from star_tracker.figures.style import HALO, SEQUENTIAL, new_figure
 from star_tracker.spherical import Floats, ra_dec, tangent_basis, unit_vectors
@@ -13,6 +14,7 @@ _GALACTIC_POLE_DEG = (192.85948, 27.12825)
 #: Cells of the map along right ascension and declination.
 _CELLS = 480, 240
 _RA_LABELS_DEG = (60, 120, 180, 240, 300)
+_DEC_LABELS_DEG = (-60, -30, 0, 30, 60)
 
 
 def draw_sky_map(found: Survey, title: str) -> Figure:
@@ -51,9 +53,8 @@ def _draw(
         axes.plot(*_galactic_equator(), color=color, linewidth=width, linestyle=(0, (5, 3)))
     axes.set_xticks([np.pi - np.radians(ra) for ra in _RA_LABELS_DEG])
     axes.set_xticklabels([f"{ra}°" for ra in _RA_LABELS_DEG], fontsize=7, path_effects=HALO)
-    axes.set_yticks(np.radians(range(-60, 61, 30)))
-    axes.set_yticklabels([f"{dec:+d}°".replace("-", "−") for dec in range(-60, 61, 30)],
-                         fontsize=7)
+    axes.set_yticks(np.radians(_DEC_LABELS_DEG))
+    axes.set_yticklabels([degrees_text(dec, 0, "+") for dec in _DEC_LABELS_DEG], fontsize=7)
     axes.grid(visible=True, color="0.6", linewidth=0.4)
     bar = figure.add_axes((place[0] + place[2] + 0.03, place[1] + 0.06, 0.02, place[3] - 0.12))
     figure.colorbar(image, cax=bar, label=name)

@@ -17,8 +17,8 @@ from matplotlib.text import Text
 
 from star_tracker.spherical import Floats
 
-#: Okabe and Ito's palette, which colour-blind eyes can tell apart (jfly.uni-koeln.de/color).
-BLUE, VERMILION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+#: Of Okabe and Ito's palette, which colour-blind eyes can tell apart (jfly.uni-koeln.de/color).
+BLUE, VERMILION = "#0072B2", "#D55E00"
 #: The sequential colour map: its lightness grows steadily, for colour-blind eyes and in grey.
 SEQUENTIAL = "cividis"
 #: Arguments of matplotlib that give a symbol its looks.
