@@ -129,10 +129,10 @@ def test_displaced_stars_are_off_by_what_the_map_says(capsys, tmp_path):
 @pytest.mark.parametrize("number", COUNTS)
 def test_labels_can_be_read(view, number):
     """No name is left out, and none covers another or leaves the picture."""
-    with house_style():
-        figure = draw_field(view(number))
-    labels = [t for t in figure.findobj(Text) if t.get_label() == STAR_LABEL]
     seen = view(number)
+    with house_style():
+        figure = draw_field(seen)
+    labels = [t for t in figure.findobj(Text) if t.get_label() == STAR_LABEL]
     assert len(labels) == len(seen.labels) + seen.missing.sum()
     assert all(label.get_visible() for label in labels)
     boxes = [text_box(label) for label in labels]
@@ -241,8 +241,8 @@ def test_an_unsolved_frame_is_drawn_and_says_so(tmp_path, capsys, database):
     assert "parity unknown" in text
 
 
-def test_an_empty_frame_is_drawn(tmp_path, capsys):
-    path = frame_file(tmp_path, np.zeros((0, 2)))
+def test_an_empty_frame_is_drawn_under_any_name(tmp_path, capsys):
+    path = frame_file(tmp_path, np.zeros((0, 2))).rename(tmp_path / "no$\\stars$.csv")
     record = plot(capsys, path, *camera_options(PORTRAIT), "--output", tmp_path / "a.png")
     assert record["status"] == "TOO_FEW_STARS"
     assert record["stars"] == []
@@ -273,7 +273,9 @@ def test_what_cannot_be_drawn_is_refused_in_a_line(capsys, tmp_path):
     frame = frame_file(tmp_path, [[1, 2]])
     missing = tmp_path / "none.csv"
     assert "there is no map 9" in refusal(capsys, 9)
-    assert f"{missing} cannot be read" in refusal(capsys, missing)
+    unread = refusal(capsys, missing)
+    assert f"{missing} cannot be read" in unread
+    assert "--fov-deg" not in unread
     assert f"frame {missing} cannot be read: No such file" in refusal(capsys, missing, *own)
     assert "a plain file of x,y needs --fov-deg" in refusal(capsys, frame)
     assert "not known: give --height-px" in refusal(capsys, frame, *own[:-2])

@@ -112,6 +112,8 @@ def _frame(options: argparse.Namespace) -> _Frame:
         try:
             star_map = read_star_map(path)
         except ValueError as error:
+            if not path.is_file():
+                raise
             raise ValueError(
                 f"{error}; a plain file of x,y needs --fov-deg, --width-px and --height-px"
             ) from error

@@ -37,6 +37,8 @@ _SETTINGS = {
     "axes.linewidth": 0.8,
     "svg.hashsalt": "star_tracker",
     "path.simplify": False,
+    # A name with dollar signs in it is no formula.
+    "text.parse_math": False,
 }
 
 
