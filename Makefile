@@ -14,7 +14,7 @@ ros := $(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo sourced || echo w
 ready := $(VENV)/.ready-$(version)-$(ros)-$(notdir $(CONSTRAINTS))
 python := $(VENV)/bin/python
 
-.PHONY: demo test lint data figures benchmark clean
+.PHONY: demo test lint docs data figures benchmark clean
 
 demo: $(ready)
 	$(python) -m star_tracker.nodes.demo
@@ -25,9 +25,14 @@ test: $(ready)
 	$(python) -m coverage combine --quiet
 	$(if $(PYTEST_ARGS),,$(python) -m coverage report)
 
-lint: $(ready)-lint
+lint: $(ready)-lint docs
 	$(python) -m ruff check .
 	$(python) -m mypy
+
+# The pages and the API reference: build/docs/index.html. Warnings and broken references fail it.
+docs: $(ready)-docs
+	$(python) -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --quiet \
+		docs build/docs
 
 # Rebuilds the shipped catalogue and star maps; git diff shows that nothing changed.
 data: $(ready)

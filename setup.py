@@ -1,6 +1,7 @@
-"""Build description; the one version number here and in package.xml."""
+"""Build description; the version number is the one in package.xml."""
 
 from glob import glob
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
@@ -9,7 +10,7 @@ SHARE = f"share/{NAME}"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version=ElementTree.parse("package.xml").findtext("version"),
     description="Lost-in-space star identification and attitude determination for ROS 2",
     license="Apache-2.0",
     author="star_tracker developers",

@@ -52,8 +52,8 @@ def three_star_covariance(
 ) -> Floats:
     """Return the covariance (2, 2), rad^2, of the boresight from three stars and a known f.
 
-    The axes are east and north at the boresight. For m = S^-1 k, d(m / |m|) is the tangential
-    part of S^-1 dk / |m|, and dk_i = -a_i f (a_i^2 + f^2)^(-3/2) da_i. Stars (3, 3), radii (3,).
+    The axes are east and north at the boresight. For m = S^-1 k, `d(m / |m|)` is the tangential
+    part of `S^-1 dk / |m|`, and dk_i = -a_i f (a_i^2 + f^2)^(-3/2) da_i. Stars (3, 3), radii (3,).
     """
     inverse = np.linalg.inv(star_vectors)
     m = inverse @ cosines(a_px, f_px)

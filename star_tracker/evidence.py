@@ -3,7 +3,7 @@
 A frame of n centroids is either unrelated to the catalogue, each centroid anywhere in the image of
 area A, or it shows, at a pose R, k of the m guide stars that are in the image, the other n - k
 centroids being false. With k of n and k of m drawn at random, all values of k equally likely, and
-matched centroids normally distributed about their predicted places with standard deviation sigma,
+matched centroids normally distributed about their predicted places with standard deviation sigma::
 
     B(R, sigma) = (n - k)! / n!  *  k! (m - k)! / m!  /  (min(n, m) + 1)
                   *  (A / (2 pi sigma^2))^k  exp(-S / (2 sigma^2)),

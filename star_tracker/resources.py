@@ -4,6 +4,7 @@ import os
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from xml.etree import ElementTree
 
 _PACKAGE = "star_tracker"
 
@@ -29,6 +30,15 @@ def resource_path(name: str) -> Path:
         f"{name} of the package {_PACKAGE} was not found below {searched}: "
         "the installation is incomplete, install the package again"
     )
+
+
+@cache
+def package_version() -> str:
+    """Return this package's version. Its home is package.xml, which all installs have.
+
+    Raises FileNotFoundError where the installation is incomplete.
+    """
+    return str(ElementTree.parse(resource_path("package.xml")).findtext("version"))
 
 
 def cache_folder() -> Path | None:

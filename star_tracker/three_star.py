@@ -31,7 +31,7 @@ class Boresight:
 
     Attributes:
         direction: (3,) unit vector, ICRS.
-        norm: |m| as solved; 1 where radii and focal length agree exactly (4-15).
+        norm: `|m|` as solved; 1 where radii and focal length agree exactly (4-15).
         focal_length_px: the focal length it was computed with, or that was found.
         iterations: Newton steps taken, 0 for a known focal length.
     """
@@ -137,7 +137,7 @@ def boresight_spherical(star_vectors: ArrayLike, a_px: ArrayLike, f_px: float) -
 def boresight_unknown_focal_length(
     star_vectors: ArrayLike, a_px: ArrayLike, f0_px: float, *, max_deviation: float = 0.1
 ) -> Boresight:
-    """Return boresight and focal length by Newton's method on |m(f)|^2 = 1 (4-15).
+    """Return boresight and focal length by Newton's method on `|m(f)|^2 = 1` (4-15).
 
     In general two focal lengths satisfy it. In a narrow field their boresights are inverse points
     of the circle through the three stars and f_2 / f_1 = d / R, the boresight's distance from

@@ -4,8 +4,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -32,6 +30,7 @@ from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS, ParameterError, d
 from star_tracker.nodes.running import run
 from star_tracker.nodes.runtime_parameters import RuntimeParameters
 from star_tracker.prediction import Predictor
+from star_tracker.resources import package_version
 from star_tracker.solution import Solution, Status
 from star_tracker.spherical import Floats
 from star_tracker.tracker import StarTracker
@@ -227,22 +226,13 @@ class IdentifyNode(Node):
         values |= {
             "catalog": self._database.catalog.description,
             "configuration": self._configuration.digest,
-            "version": _version(),
+            "version": package_version(),
         }
         name = self.get_fully_qualified_name()
         yield status_from_health(f"{name}: health", level, message, values)
         focal_length = self._watch.status()
         if focal_length is not None:
             yield focal_length
-
-
-@cache
-def _version() -> str:
-    """Return the installed package's version."""
-    try:
-        return version("star_tracker")
-    except PackageNotFoundError:  # run from a checkout
-        return "not installed"
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,0 +1,113 @@
+"""How Sphinx builds these pages: `make docs`, or by hand `sphinx-build docs build/docs`.
+
+Nothing is fetched: no intersphinx, no fonts or scripts from elsewhere. The API comes from the
+docstrings; the packages are imported for real, ROS included.
+"""
+
+import os
+import re
+import sys
+from pathlib import Path
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(CHECKOUT))
+# Compiled functions are then the plain functions that they were written as, with their signatures.
+os.environ["NUMBA_DISABLE_JIT"] = "1"
+
+from star_tracker.resources import package_version  # noqa: E402
+
+project = "star_tracker"
+author = "star_tracker developers"
+copyright = author  # noqa: A001
+version = release = package_version()
+
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+html_theme = "furo"
+html_title = f"star_tracker {version}"
+# A page is known by its name alone, and pages do not show their own source.
+html_copy_source = False
+# Plain fences hold output of programs, of no language.
+highlight_language = "none"
+
+# As GitHub has them: links to headings, and text that is not converted to dashes and quotes.
+myst_heading_anchors = 4
+smartquotes = False
+
+autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True, "show-inheritance": True}
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+# Docstrings are written for reading in the source: `name` is code.
+default_role = "literal"
+
+nitpick_ignore = [
+    # Short for numpy's array of float64, see below.
+    ("py:class", "Floats"),
+]
+nitpick_ignore_regex = [
+    # Documented elsewhere; a link would need the other projects' indices from the network.
+    ("py:.*", r"(numpy|scipy|rich|argparse|collections|pathlib|enum|subprocess)\..*"),
+    ("py:.*", r"(rclpy|rcl_interfaces|\w+_msgs|std_srvs)\..*"),
+]
+
+#: Pages whose text stands elsewhere in the checkout.
+_ELSEWHERE = {
+    "readme": "README.md", "data": "data/README.md", "benchmark": "benchmark/RESULTS.md",
+}
+_FLOATS = re.compile(
+    r"~?numpy\.ndarray\[tuple\[~?(typing\.)?Any, \.\.\.\], ~?numpy\.dtype\[~?numpy\.float64\]\]"
+)
+
+
+#: `    name: text` in a list of a docstring, or `    name, name: text`.
+_ITEM = re.compile(r" {4}(\w+(?:, \w+)*): (.*)")
+
+
+def list_arguments(app, what, name, obj, options, lines):  # noqa: PLR0917
+    """Turn the lists below `Args:` and `Attributes:` into definition lists.
+
+    Not napoleon: it takes what stands before a colon in any attribute's docstring for a type.
+    """
+    inside, result = False, []
+    for line in lines:
+        item = _ITEM.fullmatch(line) if inside else None
+        if line in ("Args:", "Attributes:"):
+            inside = True
+            result += [f"**{line[:-1]}**", ""]
+        elif item:
+            result += [", ".join(f"``{word}``" for word in item[1].split(", ")), f"    {item[2]}"]
+        elif inside and line.startswith(" " * 8):
+            result.append(f"    {line.strip()}")
+        else:
+            inside = inside and not line
+            result.append(line)
+    lines[:] = result
+
+
+def shorten(app, what, name, obj, options, signature, returns):  # noqa: PLR0917
+    """Write the array type that nearly all signatures have as the sources do."""
+    short = [None if text is None else _FLOATS.sub("Floats", text) for text in (signature, returns)]
+    return tuple(short)
+
+
+def skip(app, what, name, obj, skipped, options):  # noqa: PLR0917
+    """Leave out what only says `Alias for field number 0`."""
+    return True if type(obj).__name__ == "_tuplegetter" else None
+
+
+def put_in(app, docname, source):
+    """Give the pages that stand elsewhere their text, and links to them their page here."""
+    if docname in _ELSEWHERE:
+        path = CHECKOUT / _ELSEWHERE[docname]
+        app.env.note_dependency(str(path), docname=docname)
+        source[0] = path.read_text(encoding="utf-8").replace("](docs/", "](")
+    for page, path in _ELSEWHERE.items():
+        source[0] = re.sub(rf"]\((\.\./)?{re.escape(path)}", f"]({page}.md", source[0])
+
+
+def setup(app):
+    """Register what is above."""
+    app.connect("autodoc-process-docstring", list_arguments)
+    app.connect("autodoc-process-signature", shorten)
+    app.connect("autodoc-skip-member", skip)
+    app.connect("source-read", put_in)
