@@ -31,8 +31,8 @@ lint: $(ready)-lint docs
 
 # The pages and the API reference: build/docs/index.html. Warnings and broken references fail it.
 docs: $(ready)-docs
-	$(python) -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --quiet \
-		docs build/docs
+	$(python) -m sphinx --builder html --fail-on-warning --keep-going --nitpicky --fresh-env \
+		--quiet docs build/docs
 
 # Rebuilds the shipped catalogue and star maps; git diff shows that nothing changed.
 data: $(ready)

@@ -7,12 +7,33 @@ docstrings; the packages are imported for real, ROS included.
 import os
 import re
 import sys
+from enum import Enum
 from pathlib import Path
+from typing import Generic, TypeVar
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(CHECKOUT))
 # Compiled functions are then the plain functions that they were written as, with their signatures.
 os.environ["NUMBA_DISABLE_JIT"] = "1"
+
+import numpy.typing  # noqa: E402
+
+T = TypeVar("T")
+
+
+class NDArray(Generic[T]):
+    """Stands for numpy's, whose own alias fills a line of each signature."""
+
+    __module__ = "numpy.typing"
+
+
+class ArrayLike:
+    """Stands for numpy's, whose own alias fills three."""
+
+    __module__ = "numpy.typing"
+
+
+numpy.typing.NDArray, numpy.typing.ArrayLike = NDArray, ArrayLike
 
 from star_tracker.resources import package_version  # noqa: E402
 
@@ -40,10 +61,6 @@ autodoc_preserve_defaults = True
 # Docstrings are written for reading in the source: `name` is code.
 default_role = "literal"
 
-nitpick_ignore = [
-    # Short for numpy's array of float64, see below.
-    ("py:class", "Floats"),
-]
 nitpick_ignore_regex = [
     # Documented elsewhere; a link would need the other projects' indices from the network.
     ("py:.*", r"(numpy|scipy|rich|argparse|collections|pathlib|enum|subprocess)\..*"),
@@ -54,11 +71,6 @@ nitpick_ignore_regex = [
 _ELSEWHERE = {
     "readme": "README.md", "data": "data/README.md", "benchmark": "benchmark/RESULTS.md",
 }
-_FLOATS = re.compile(
-    r"~?numpy\.ndarray\[tuple\[~?(typing\.)?Any, \.\.\.\], ~?numpy\.dtype\[~?numpy\.float64\]\]"
-)
-
-
 #: `    name: text` in a list of a docstring, or `    name, name: text`.
 _ITEM = re.compile(r" {4}(\w+(?:, \w+)*): (.*)")
 
@@ -84,15 +96,16 @@ def list_arguments(app, what, name, obj, options, lines):  # noqa: PLR0917
     lines[:] = result
 
 
-def shorten(app, what, name, obj, options, signature, returns):  # noqa: PLR0917
-    """Write the array type that nearly all signatures have as the sources do."""
-    short = [None if text is None else _FLOATS.sub("Floats", text) for text in (signature, returns)]
-    return tuple(short)
+def name_factories(app, what, name, obj, options, signature, returns):  # noqa: PLR0917
+    """Make signatures readable for Sphinx whose defaults come from a factory."""
+    return signature and signature.replace("<factory>", "..."), returns
 
 
 def skip(app, what, name, obj, skipped, options):  # noqa: PLR0917
-    """Leave out what only says `Alias for field number 0`."""
-    return True if type(obj).__name__ == "_tuplegetter" else None
+    """Leave out what only says `Alias for field number 0`, but not the members of an enum."""
+    if type(obj).__name__ == "_tuplegetter":
+        return True
+    return False if isinstance(obj, Enum) else None
 
 
 def put_in(app, docname, source):
@@ -108,6 +121,6 @@ def put_in(app, docname, source):
 def setup(app):
     """Register what is above."""
     app.connect("autodoc-process-docstring", list_arguments)
-    app.connect("autodoc-process-signature", shorten)
+    app.connect("autodoc-process-signature", name_factories)
     app.connect("autodoc-skip-member", skip)
     app.connect("source-read", put_in)
