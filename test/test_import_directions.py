@@ -59,7 +59,7 @@ ROOMS = {
     "focal_length": {"calibration", "camera", "spherical"},
     "prediction": {"spherical"},
     "hints": {"calibration", "camera", "database", "solution", "spherical", "tracker"},
-    "cli": {"commands"},
+    "cli": {"commands", "resources"},
 }
 #: What the core may import from elsewhere, beside the standard library.
 LIBRARIES = {"numpy", "scipy"}

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from star_tracker.camera import Camera
 from star_tracker.catalog import StarCatalog
+from star_tracker.commands.options import add_json_argument
 from star_tracker.database import FeatureDatabase
 from star_tracker.evaluation import CAMERAS, CONDITIONS, Score, score_condition, score_map
 from star_tracker.match_group import MatchGroupSettings
@@ -122,13 +123,21 @@ def table(entries: list[Entry], title: str) -> Table:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    parser.add_argument("--frames", type=int, default=50, help="frames a condition (50)")
-    parser.add_argument("--seed", type=int, default=2019, help="seed of the frames (2019)")
-    parser.add_argument("--camera", choices=tuple(CAMERAS), default="12 deg", help="camera")
     parser.add_argument(
-        "--deadline-ms", type=float, default=500.0, help="deadline of a frame (500)"
+        "--frames", type=int, default=50, metavar="N", help="frames a condition (%(default)s)"
     )
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    parser.add_argument(
+        "--seed", type=int, default=2019, metavar="N", help="seed of the frames (%(default)s)"
+    )
+    parser.add_argument(
+        "--camera", choices=tuple(CAMERAS), default="12 deg",
+        help="field of view of the camera (%(default)s)",
+    )
+    parser.add_argument(
+        "--deadline-ms", type=float, default=500.0, metavar="MS",
+        help="deadline of a frame, ms (%(default)s)",
+    )
+    add_json_argument(parser)
 
 
 def execute(options: argparse.Namespace) -> None:

@@ -40,10 +40,12 @@ _ATTITUDES: dict[str, Callable[[Floats, float], Floats]] = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     add_map_arguments(parser)
-    parser.add_argument("--top", type=int, default=5, help="how many triples to print (5)")
+    parser.add_argument(
+        "--top", type=int, default=5, metavar="N", help="how many triples to print (%(default)s)"
+    )
     parser.add_argument(
         "--by", choices=CRITERIA, default="error",
-        help="order: predicted boresight error, K or tetrahedron volume (error)",
+        help="order: predicted boresight error, K or tetrahedron volume (%(default)s)",
     )
     add_sigma_argument(parser)
 

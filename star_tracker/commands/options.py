@@ -19,19 +19,26 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
         help="number of a map, 1 to 8, or a star map file; a file without star numbers is "
         "identified first",
     )
+    add_json_argument(parser)
+
+
+def add_json_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare the output for machines, which every command has."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 
 def add_focal_length_argument(parser: argparse.ArgumentParser, purpose: str) -> None:
     """Declare another focal length than that of the map."""
-    parser.add_argument("--focal-length-px", type=float, help=f"{purpose} (that of the map)")
+    parser.add_argument(
+        "--focal-length-px", type=float, metavar="PX", help=f"{purpose}, px (that of the map)"
+    )
 
 
 def add_sigma_argument(parser: argparse.ArgumentParser) -> None:
     """Declare the noise that predicted errors are for."""
     parser.add_argument(
-        "--sigma-px", type=float, default=0.1,
-        help="noise of a centroid along each axis, for the predicted errors (0.1)",
+        "--sigma-px", type=float, default=0.1, metavar="PX",
+        help="noise of a centroid along each axis, for the predicted errors, px (%(default)s)",
     )
 
 
