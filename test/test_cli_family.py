@@ -219,6 +219,7 @@ def test_ctrl_c_ends_a_command_quietly(tmp_path):
         watchdog.start()
         with fifo.open("w"):
             process.send_signal(signal.SIGINT)
-            _, messages = process.communicate(timeout=TIMEOUT_S)
+        # Closed: a signal that came just before the reading is noticed after it.
         watchdog.cancel()
+        _, messages = process.communicate(timeout=TIMEOUT_S)
     assert (process.returncode, messages) == (cli.INTERRUPTED, "")
