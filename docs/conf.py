@@ -112,7 +112,6 @@ def put_in(app, docname, source):
     """Give the pages that stand elsewhere their text, and links to them their page here."""
     if docname in _ELSEWHERE:
         path = CHECKOUT / _ELSEWHERE[docname]
-        app.env.note_dependency(str(path), docname=docname)
         source[0] = path.read_text(encoding="utf-8").replace("](docs/", "](")
     for page, path in _ELSEWHERE.items():
         source[0] = re.sub(rf"]\((\.\./)?{re.escape(path)}", f"]({page}.md", source[0])
