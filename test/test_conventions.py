@@ -5,6 +5,7 @@ returns what the package makes of the row's inputs, by column.
 """
 
 import re
+from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import cache
 from pathlib import Path
@@ -17,8 +18,11 @@ from scipy.spatial.transform import Rotation
 from star_tracker.attitude import Attitude, rotation_from_boresight
 from star_tracker.camera import Camera
 from star_tracker.catalog import StarCatalog
+from star_tracker.database import FeatureDatabase
+from star_tracker.distortion import Distortion
 from star_tracker.spherical import position_angle, ra_dec, separation, unit_vectors
 from star_tracker.star_maps import Pose, paper_maps
+from star_tracker.tracker import StarTracker
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "conventions.md"
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]\d+)?")
@@ -126,6 +130,26 @@ def opencv_count(row):
     return {
         "corner_px": known[row["place"]], "opencv_px": opencv.pixels(direction)[0, 0],
     }
+
+
+@cache
+def limits_of(distortion):
+    """Return the first and last whole coordinates along x and along y that a tracker uses."""
+    lens = Distortion("plumb_bob", (-0.01, 0.0, 0.0, 0.0, 0.0)) if distortion == "yes" else None
+    camera = replace(example_camera(), distortion=lens)
+    tracker = StarTracker(FeatureDatabase.build(StarCatalog.paper()), camera)
+
+    def used(pixels):
+        which = [at for at, pixel in pixels if tracker.solve([pixel]).n_ignored == 0]
+        return min(which), max(which)
+
+    along = range(-100, 1200)
+    return *used([(x, (x, 400)) for x in along]), *used([(y, (500, y)) for y in along])
+
+
+def outside(row):
+    names = ("first_x_px", "last_x_px", "first_y_px", "last_y_px")
+    return named(names, limits_of(row["distortion"]))
 
 
 def half_pixel(row):
@@ -321,6 +345,7 @@ CHECKERS = {
     "The example camera": (default_camera, 1),
     "Focal length and pixel scale": (scale, 4),
     "Where pixels are counted from": (opencv_count, 5),
+    "Centroids outside of the image": (outside, 2),
     "What half a pixel costs": (half_pixel, 4),
     "Pixel to direction": (pixel_to_direction, 5),
     "Star to pixel": (star_to_pixel, 6),
