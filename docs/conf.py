@@ -63,7 +63,7 @@ default_role = "literal"
 
 nitpick_ignore_regex = [
     # Documented elsewhere; a link would need the other projects' indices from the network.
-    ("py:.*", r"(numpy|scipy|rich|argparse|collections|pathlib|enum|subprocess)\..*"),
+    ("py:.*", r"(numpy|scipy|matplotlib|rich|argparse|collections|pathlib|enum|subprocess)\..*"),
     ("py:.*", r"(rclpy|rcl_interfaces|\w+_msgs|std_srvs)\..*"),
 ]
 

@@ -7,7 +7,12 @@ from pathlib import Path
 
 from star_tracker.camera import PARITIES, Camera
 from star_tracker.catalog import CATALOGS, StarCatalog
-from star_tracker.commands.options import Record, check_positive, print_result
+from star_tracker.commands.options import (
+    Record,
+    add_json_argument,
+    check_positive,
+    print_result,
+)
 from star_tracker.database import FeatureDatabase
 from star_tracker.frame_file import read_frame
 from star_tracker.solution import METHODS, SolveSettings
@@ -40,29 +45,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="number of a map, 1 to 8, a star map file, or a CSV file of your own frame with "
         "columns x,y or x,y,intensity and the options of the camera",
     )
-    parser.add_argument("--fov-deg", type=float, help="your frame's field of view, width")
-    parser.add_argument("--width-px", type=int, help="your frame's width")
-    parser.add_argument("--height-px", type=int, help="your frame's height")
-    parser.add_argument("--parity", choices=PARITIES, help="your frame's parity (auto)")
     parser.add_argument(
-        "--catalog", choices=CATALOGS, default="paper", help="the guide stars (paper)"
+        "--fov-deg", type=float, metavar="DEG",
+        help="field of view across your frame's width, deg (that of the map)",
     )
     parser.add_argument(
-        "--limiting-magnitude", type=float, default=6.0,
-        help="faintest guide stars of catalog hipparcos (6.0)",
+        "--width-px", type=int, metavar="PX", help="your frame's width, px (that of the map)"
     )
     parser.add_argument(
-        "--epoch", type=float, default=2000.0, help="Julian year of the guide stars (2000.0)"
+        "--height-px", type=int, metavar="PX", help="your frame's height, px (that of the map)"
     )
     parser.add_argument(
-        "--method", choices=("auto", *METHODS), default="auto", help="how to identify (auto)"
+        "--parity", choices=PARITIES, help="your frame's parity (that of the map, else auto)"
+    )
+    parser.add_argument(
+        "--catalog", choices=CATALOGS, default="paper", help="the guide stars (%(default)s)"
+    )
+    parser.add_argument(
+        "--limiting-magnitude", type=float, default=6.0, metavar="MAG",
+        help="faintest guide stars of catalog hipparcos, V mag (%(default)s)",
+    )
+    parser.add_argument(
+        "--epoch", type=float, default=2000.0, metavar="YEAR",
+        help="epoch of the guide stars, Julian year (%(default)s)",
+    )
+    parser.add_argument(
+        "--method", choices=("auto", *METHODS), default="auto",
+        help="how to identify the stars (%(default)s)",
     )
     parser.add_argument(
         "--output", type=Path, metavar="FILE",
-        help="where to write the picture: .png, .svg or .pdf (map1.png, FILE.png; here)",
+        help="where to write the picture, as .png, .svg or .pdf (map1.png or FILE.png)",
     )
-    parser.add_argument("--dpi", type=float, default=130.0, help="resolution of a .png (130)")
-    parser.add_argument("--json", action="store_true", help="print what was drawn as JSON")
+    parser.add_argument(
+        "--dpi", type=float, default=130.0, metavar="N",
+        help="resolution of a .png, dots per inch (%(default)s)",
+    )
+    add_json_argument(parser)
 
 
 def execute(options: argparse.Namespace) -> None:
