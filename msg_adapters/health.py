@@ -7,6 +7,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 _LEVELS = {
     "ok": DiagnosticStatus.OK, "warn": DiagnosticStatus.WARN, "error": DiagnosticStatus.ERROR,
 }
+_NAMES = {
+    DiagnosticStatus.OK: "OK", DiagnosticStatus.WARN: "WARN", DiagnosticStatus.ERROR: "ERROR",
+    DiagnosticStatus.STALE: "STALE",
+}
 #: What stands where a number is not known.
 NOT_KNOWN = "n/a"
 
@@ -27,6 +31,12 @@ def health_from_diagnostics(message: DiagnosticArray, name: str) -> dict[str, st
         if status.name == name:
             return {pair.key: pair.value for pair in status.values}
     raise KeyError(f"no status {name}")
+
+
+def report_from_status(status: DiagnosticStatus) -> tuple[str, str, dict[str, str]]:
+    """Read level (`OK`, `WARN`, `ERROR`, `STALE` or its number), sentence, keys and values."""
+    level = _NAMES.get(status.level, str(status.level[0]))
+    return level, str(status.message), {pair.key: pair.value for pair in status.values}
 
 
 def _text(value: object) -> str:

@@ -3,6 +3,7 @@
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
+from msg_adapters import MessageError
 from star_tracker.labels import StarState
 from star_tracker.solution import Solution, Status
 
@@ -45,3 +46,10 @@ def diagnostics_from_solution(
 def values_from_diagnostics(message: DiagnosticArray) -> dict[str, str]:
     """Read the keys and values of the message's only status."""
     return {pair.key: pair.value for pair in message.status[0].values}
+
+
+def name_from_diagnostics(message: DiagnosticArray) -> str:
+    """Read the name of the node that answers. Raises MessageError where there is no status."""
+    if not message.status:
+        raise MessageError("DiagnosticArray holds no status: a solution has one")
+    return str(message.status[0].name)

@@ -1,4 +1,4 @@
-"""The console command `star_tracker`. No ROS is needed for it.
+"""The console command `star_tracker`. Only `watch` needs ROS.
 
 The commands are modules of `star_tracker.commands`, each with `add_arguments` and `execute`. Only
 the one that is asked for is imported, so that no command waits for the libraries of another.
@@ -62,6 +62,13 @@ COMMANDS = {
         "Solve one frame and draw it: guide stars, centroids with their numbers, displaced and "
         "missing stars, residuals, right ascension and declination. Needs matplotlib.",
         "star_tracker plot 6 --output map6.png",
+    ),
+    "watch": Command(
+        "live view of a running identify_node (needs ROS)",
+        "Attitude with its errors, how the last frame ended, health and identified stars of a "
+        "running identify_node, until Ctrl-C; where standard output is no terminal, a line for "
+        "each frame.",
+        "star_tracker watch --namespace /left --once",
     ),
 }
 

@@ -1,1 +1,1 @@
-"""The commands `star_tracker ...`, a module each. No ROS is needed for them."""
+"""The commands `star_tracker ...`, a module each. Only `watch` needs ROS."""

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from star_tracker.labels import StarState
 from star_tracker.spherical import Floats
 
 #: How long a frame waits for what is still missing of it, s: a message may be lost on the way.
 PATIENCE_S = 0.5
 #: Without a report for so long the node is said to be silent, s; it reports once a second.
 SILENT_S = 3.0
+_STATES = {int(state): state.name.lower() for state in StarState}
 _ARCSEC_PER_RAD = math.degrees(1) * 3600
 
 
@@ -194,3 +196,9 @@ def sigma_arcsec(quaternion_xyzw: Floats, covariance_rad2: Floats) -> Floats:
     rotation = Rotation.from_quat(quaternion_xyzw).as_matrix()
     variances = np.diag(rotation.T @ covariance_rad2 @ rotation)
     return np.asarray(np.sqrt(np.maximum(variances, 0.0)) * _ARCSEC_PER_RAD)
+
+
+def state_name(star: np.void) -> str:
+    """Return the state of a row of `identified_stars` in a word, or its number if it has none."""
+    state = int(star["state"])
+    return _STATES.get(state, str(state))
