@@ -1,4 +1,4 @@
-"""`star_tracker watch`: a live view of a running identify_node. The only command that needs ROS."""
+"""`star_tracker watch`: a live view of a running identify_node, the command that needs ROS."""
 
 import argparse
 import os
@@ -46,10 +46,10 @@ def _watch(options: argparse.Namespace) -> None:
     try:
         # Here, as all other commands work without ROS.
         from star_tracker.nodes import watch, watch_outputs, watch_record  # noqa: PLC0415
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         raise ValueError(
-            f"this command needs ROS 2, but {error.name} is missing: source ROS 2 Jazzy, or run "
-            "it in an environment that has rclpy"
+            f"this command needs ROS 2, which cannot be imported ({error}): source ROS 2 Jazzy, "
+            "or run it in an environment that has rclpy"
         ) from error
     console = Console()
     if options.once:

@@ -134,7 +134,7 @@ class WatchNode(Node):
 def watch(output: Output, namespace: str) -> tuple[int, list[str]]:
     """Watch until told to stop or the output has had enough.
 
-    Returns the exit code and, in the second case, the namespaces in which there is a node to watch.
+    Returns the exit code and, in the second case, the namespaces that have a node to watch.
     """
     made: list[WatchNode] = []
 

@@ -136,7 +136,7 @@ class Watched:
     def on_orientation(
         self, stamp_ns: int, orientation: tuple[Floats, Floats], now_s: float
     ) -> None:
-        """Take in a quaternion (4,), x, y, z, w, and the covariance (3, 3) about reference axes."""
+        """Take in a quaternion (4,) and its covariance (3, 3) about the reference axes, rad^2."""
         self._parts(stamp_ns, now_s).orientation = orientation
 
     def on_boresight(self, stamp_ns: int, boresight_deg: Floats, now_s: float) -> None:

@@ -66,7 +66,7 @@ class Screen:
 
     def look(self, watched: Watched, now_s: float) -> bool:
         """Draw the view anew, and go on."""
-        self._last = View(watched, now_s, self._n_stars)
+        self._last = View(watched, now_s, self._n_stars, fits=True)
         self._live.update(self._last, refresh=True)
         return True
 

@@ -64,9 +64,8 @@ def _frame_record(frame: Frame | None) -> dict[str, Any]:
 
 
 def _star_record(star: np.void) -> dict[str, Any]:
-    record = {
-        name: _finite(star[name].item()) for name in star.dtype.names or () if name != "state"
-    }
+    # The text of a float32 has no more digits than it knows.
+    record = {name: _number(str(star[name])) for name in star.dtype.names or ()}
     return {**record, "state": state_name(star)}
 
 

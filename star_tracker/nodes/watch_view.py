@@ -1,21 +1,20 @@
 """What `star_tracker watch` shows of a node, as rich renderables. No ROS here.
 
-Below `WIDE` columns the stars stand under the rest, from there on beside it; 80 columns are enough.
+Below `WIDE` columns the stars stand under the rest, else beside it; 80 columns are enough.
 """
 
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from star_tracker.labels import StarState
-from star_tracker.nodes.watch_model import SILENT_S, Frame, Pose, Report, Watched, state_name
+from star_tracker.nodes.watch_model import SILENT_S, Frame, Report, Watched, state_name
 
 #: From this many columns on there is room for two parts side by side; that of the left one.
-WIDE, _LEFT = 112, 54
+WIDE, _LEFT = 120, 50
 #: A frame older than that is missed, s.
 _FRESH_S = 1.0
 _LEVEL_STYLES = {"OK": "green", "WARN": "yellow", "ERROR": "red", "STALE": "red"}
@@ -29,27 +28,33 @@ class View:
     Args:
         watched: the node.
         now_s: the moment.
-        n_stars: how many stars to list at most; fewer where the terminal is low.
+        n_stars: how many stars to list at most.
+        fits: whether the view has to fit the terminal's height, with fewer stars where it is low.
     """
 
-    def __init__(self, watched: Watched, now_s: float, n_stars: int) -> None:
-        self._watched, self._now_s, self._n_stars = watched, now_s, n_stars
+    def __init__(
+        self, watched: Watched, now_s: float, n_stars: int, *, fits: bool = False
+    ) -> None:
+        self._watched, self._now_s, self._n_stars, self._fits = watched, now_s, n_stars, fits
 
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+    def __rich_console__(
+        self, console: Console, options: ConsoleOptions
+    ) -> Iterator[RenderableType]:
         """Yield the parts, as rich asks for them."""
         yield heading(self._watched, self._now_s)
         facts = _facts(self._watched, self._now_s)
         wide = options.max_width >= WIDE
-        used = 1 if wide else 1 + len(console.render_lines(facts, options.update(height=None)))
         n = self._n_stars
-        if options.height is not None:  # of a whole screen; head and tail of the table take two
-            n = max(0, min(n, options.height - used - 2))
+        if self._fits:
+            used = 1 if wide else 1 + len(console.render_lines(facts, options.update(height=None)))
+            # Head and tail of the table take a line each.
+            n = max(0, min(n, options.max_height - used - 2))
         stars = stars_table(self._watched.frame, n)
         if not wide:
             yield facts
             yield stars
             return
-        both = Table.grid(padding=(0, 3, 0, 0))
+        both = Table.grid(padding=(0, 2, 0, 0))
         both.add_column(width=_LEFT)
         both.add_column()
         both.add_row(facts, stars)
@@ -72,7 +77,7 @@ def stars_table(frame: Frame | None, n_stars: int) -> RenderableType:
     stars = frame.stars[frame.stars["state"] != StarState.UNIDENTIFIED]
     if not len(stars):
         return Text("no star identified", "dim")
-    table = Table(box=None, padding=(0, 1), pad_edge=False, header_style="bold")
+    table = Table(box=None, collapse_padding=True, pad_edge=False, header_style="bold")
     for heading_ in _STAR_COLUMNS:
         justify = "left" if heading_ in ("star", "state") else "right"
         table.add_column(heading_, justify=justify, no_wrap=True)
@@ -133,38 +138,34 @@ def _attitude_rows(watched: Watched, now_s: float) -> Rows:
     ra, dec, roll = pose.boresight_deg
     yield "RA, Dec, roll", Text(f"{ra:.4f}, {dec:+.4f}, {roll:.4f} deg", "bold")
     x, y, z = pose.sigma_arcsec
-    yield "1 sigma x, y, z", f"{x:.2f}, {y:.2f}, {z:.2f} arcsec, camera axes"
-    for names, values in zip(("x, y", "z, w"), _halves(pose), strict=True):
-        yield f"quaternion {names}", values
+    yield "camera 1 sigma", f"x {x:.2f}, y {y:.2f}, z {z:.2f} arcsec"
+    x, y, z, w = pose.quaternion_xyzw
+    yield "quaternion", f"x {x:+.8f}, y {y:+.8f}\nz {z:+.8f}, w {w:+.8f}"
     frame = watched.frame
     if frame is not None and frame.pose is None:
         yield "", Text(f"of {now_s - watched.pose_s:.1f} s ago", "yellow")
 
 
-def _halves(pose: Pose) -> tuple[str, str]:
-    x, y, z, w = pose.quaternion_xyzw
-    return f"{x:+.8f}, {y:+.8f}", f"{z:+.8f}, {w:+.8f}"
-
-
 def _frame_rows(frame: Frame | None) -> Rows:
     if frame is None:
         return
-    values = {key: value or _ABSENT for key, value in frame.values.items()}
+    v = frame.values
     style = {"SOLVED": "green", "BAD_INPUT": "red"}.get(frame.status, "yellow")
-    yield "status", Text(frame.status, style)
-    yield "reason", _value(values, "reason")
-    if values.get("hint", _ABSENT) != _ABSENT:
-        yield "hint", Text(values["hint"], "yellow")
+    yield "status", Text(f"{frame.status}: {_text(v, 'reason')}", style)
+    if v.get("hint"):
+        yield "hint", Text(v["hint"], "yellow")
+    n_ignored = v.get("ignored", "0")
+    ignored = "" if n_ignored == "0" else f", {n_ignored} ignored"
     yield "stars", (
-        f"{_value(values, 'matched')} of {_value(values, 'total')} identified, "
-        f"{_value(values, 'displaced')} displaced, {_value(values, 'ignored')} ignored"
+        f"{_text(v, 'matched')} of {_text(v, 'total')} identified, "
+        f"{_text(v, 'displaced')} displaced{ignored}"
     )
     if frame.status == "SOLVED":
-        yield "found by", ", ".join(_value(values, key) for key in ("method", "mode", "parity"))
+        yield "found by", ", ".join(_text(v, key) for key in ("method", "mode", "parity"))
         yield "fit", (
-            f"rms {_value(values, 'rms_px')} px, wrong with p {_value(values, 'wrong_probability')}"
+            f"rms {_text(v, 'rms_px', '.3f')} px, p(wrong) {_text(v, 'wrong_probability', '.1e')}"
         )
-    yield "solve time", f"{_value(values, 'solve_ms')} ms"
+    yield "solve time", f"{_text(v, 'solve_ms')} ms"
 
 
 def _health_rows(watched: Watched, now_s: float) -> Rows:
@@ -172,23 +173,32 @@ def _health_rows(watched: Watched, now_s: float) -> Rows:
     if report is None:
         yield "diagnostics", Text("no report heard yet", "yellow")
         return
-    yield "diagnostics", _level(report, now_s - watched.health_s)
     v = report.values
-    yield "rates", (
-        f"{_value(v, 'frames_per_s')} frames/s, {_value(v, 'solved_per_s')} solved/s, "
-        f"ratio {_value(v, 'solve_ratio')}"
+    yield "diagnostics", _level(report, now_s - watched.health_s)
+    yield "solved", (
+        f"{_text(v, 'solved_per_s', '.1f')} of {_text(v, 'frames_per_s', '.1f')} frames/s, "
+        f"ratio {_text(v, 'solve_ratio')}"
     )
-    latencies = ", ".join(_value(v, f"latency_{which}_ms") for which in ("p50", "p95", "max"))
-    yield "latency", f"p50, p95, max {latencies} ms"
-    yield "input age", f"{_value(v, 'input_age_s')} s"
-    yield "counts", (
-        f"{_value(v, 'frames')} frames, {_value(v, 'solved')} solved, "
-        f"{_value(v, 'dropped')} dropped"
+    which = ("p50", "p95", "max")
+    yield "latency", ", ".join(f"{w} {_text(v, f'latency_{w}_ms', '.1f')}" for w in which) + " ms"
+    yield "input age", f"{_text(v, 'input_age_s')} s"
+    yield "frames", (
+        f"{_text(v, 'frames')}, {_text(v, 'solved')} solved, {_text(v, 'dropped')} dropped"
     )
-    rejects = rejected(v)
-    yield "rejected", ", ".join(f"{n} {kind}" for kind, n in rejects.items()) or "none"
-    focal_length = watched.focal_length
-    yield "focal length", "not followed" if focal_length is None else focal_length.message
+    yield "rejected", ", ".join(f"{n} {kind}" for kind, n in rejected(v).items()) or "none"
+    yield "focal length", _focal_length(watched.focal_length)
+
+
+def _focal_length(report: Report | None) -> str:
+    if report is None:
+        return "not followed"
+    if report.values.get("frames") == "0":
+        return report.message
+    v = report.values
+    return (
+        f"{_text(v, 'focal_length_px')} +- {_text(v, 'standard_error_px')} px, "
+        f"{_text(v, 'drift_percent', '+.4f')} %"
+    )
 
 
 def rejected(values: Mapping[str, str]) -> dict[str, str]:
@@ -204,5 +214,12 @@ def _level(report: Report, age_s: float) -> Text:
     return text
 
 
-def _value(values: Mapping[str, str], key: str) -> str:
-    return values.get(key, _ABSENT)
+def _text(values: Mapping[str, str], key: str, spec: str = "") -> str:
+    """Return a value, as a number in this format where it is one."""
+    value = values.get(key) or _ABSENT
+    if not spec:
+        return value
+    try:
+        return format(float(value), spec)
+    except ValueError:
+        return value
