@@ -22,7 +22,7 @@ os.environ.update(
 ROS_TEST_MODULES = (
     "test_adapters_*.py", "test_parameters.py", "test_identify_node.py", "test_replay_node.py",
     "test_processes.py", "test_focal_length_node.py", "test_node_*.py", "test_faults_*.py",
-    "test_tutorial.py",
+    "test_tutorial.py", "test_watch.py", "test_layouts.py",
 )
 
 try:
