@@ -18,7 +18,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["data/resource/star_tracker"]),
         (SHARE, ["package.xml"]),
-        (f"{SHARE}/config", sorted(glob("config/*.yaml"))),
+        (f"{SHARE}/config", sorted(glob("config/*"))),
         (f"{SHARE}/launch", sorted(glob("launch/*.launch.py"))),
         (f"{SHARE}/data", ["data/hipparcos_v8.npy", "data/crossid.csv", "data/README.md"]),
         (f"{SHARE}/data/star_maps", sorted(glob("data/star_maps/*.csv"))),
