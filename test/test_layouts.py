@@ -32,7 +32,7 @@ CAMERA_STATE = {
 #: and the panels of rviz_common (rviz_common/default.rviz there).
 RVIZ_CLASSES = {
     *(f"rviz_default_plugins/{name}" for name in (
-        "Axes", "Camera", "Grid", "Marker", "MarkerArray", "PointCloud2", "PoseWithCovariance", "TF",
+        "Axes", "Camera", "Grid", "Marker", "MarkerArray", "PointCloud2", "Pose", "TF",
         "FocusCamera", "Interact", "Measure", "MoveCamera", "PublishPoint", "Select",
         "FPS", "Orbit", "TopDownOrtho", "XYOrbit",
     )),
@@ -103,7 +103,9 @@ def paths(foxglove):
 
 def test_foxglove_panels_are_of_known_types(foxglove):
     assert {name.split("!")[0] for name in foxglove["configById"]} <= PANELS
-    assert set(foxglove) == {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+    assert set(foxglove) == {
+        "configById", "globalVariables", "userNodes", "playbackConfig", "layout",
+    }
 
 
 def test_foxglove_3d_panels_have_known_keys_and_the_nodes_frame(foxglove):
