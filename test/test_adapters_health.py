@@ -3,7 +3,7 @@
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from msg_adapters.health import health_from_diagnostics, status_from_health
+from msg_adapters.health import health_from_diagnostics, report_from_status, status_from_health
 
 VALUES = {"ratio": 0.25, "frames": 7, "age": None, "mode": "tracking"}
 
@@ -23,6 +23,18 @@ def test_values_round_trip():
     assert health_from_diagnostics(message, "/left/node: health") == {
         "ratio": "0.250", "frames": "7", "age": "n/a", "mode": "tracking",
     }
+
+
+@pytest.mark.parametrize("level", ["ok", "warn", "error"])
+def test_report_round_trip(level):
+    found, message, values = report_from_status(status_from_health("n", level, "fine", VALUES))
+    assert (found, message) == (level.upper(), "fine")
+    assert values == {"ratio": "0.250", "frames": "7", "age": "n/a", "mode": "tracking"}
+
+
+@pytest.mark.parametrize(("code", "level"), [(DiagnosticStatus.STALE, "STALE"), (b"\x07", "7")])
+def test_report_of_a_level_that_no_node_of_this_package_has(code, level):
+    assert report_from_status(DiagnosticStatus(level=code))[0] == level
 
 
 def test_a_missing_status_is_said_so():

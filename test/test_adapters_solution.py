@@ -2,10 +2,15 @@
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
-from msg_adapters.solution import diagnostics_from_solution, values_from_diagnostics
+from msg_adapters import MessageError
+from msg_adapters.solution import (
+    diagnostics_from_solution,
+    name_from_diagnostics,
+    values_from_diagnostics,
+)
 from star_tracker.labels import Identification
 from star_tracker.tracker import Solution, Status
 
@@ -38,6 +43,16 @@ def test_message_names_status_and_reason():
     message = diagnostics_from_solution(solution_of(Status.NO_MATCH), "tracker", HEADER)
     assert message.status[0].message == "NO_MATCH: a reason"
     assert message.status[0].name == "tracker"
+
+
+def test_name_round_trip():
+    message = diagnostics_from_solution(solution_of(Status.SOLVED), "tracker", HEADER)
+    assert name_from_diagnostics(message) == "tracker"
+
+
+def test_a_message_without_a_status_has_no_name():
+    with pytest.raises(MessageError, match="holds no status"):
+        name_from_diagnostics(DiagnosticArray())
 
 
 def test_header_is_the_callers():

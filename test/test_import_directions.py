@@ -74,6 +74,7 @@ COMMANDS = {
     "compare": {"rich"},
     "geometry": {"rich"},
     "plot": set(),
+    "watch": {"rich"},
 }
 #: The commands that may import the figures too, and only inside of a function.
 DRAWING = {"plot"}
@@ -96,17 +97,23 @@ FIGURES = {
     "sky_map": ({"sky_grid", "sky_survey", "style"}, True),
     "pair_histogram": ({"style"}, True),
 }
+#: The commands that may import the nodes, and that only when they run: the others need no ROS.
+ROS_COMMANDS = {"watch"}
 ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros", "msg_adapters"}
 
 
 def imports(source):
     """Return the dotted names that a source imports anywhere, in functions too."""
+    return imports_of(ast.parse(source.read_text(encoding="utf-8")))
+
+
+def imports_of(tree):
     names = set()
-    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{source}: a relative import hides where it goes"
+            assert node.level == 0, f"{ast.unparse(node)}: a relative import hides where it goes"
             module = node.module or ""
             # `from star_tracker import match_group` imports a module, not a name in one.
             if module == "star_tracker":
@@ -147,8 +154,10 @@ def test_a_command_imports_the_core_and_its_own_libraries(source):
     names = imports(source)
     others = tops_of(names) - sys.stdlib_module_names - {"star_tracker"}
     assert others <= LIBRARIES | COMMANDS[source.stem]
+    rooms = set(ROOMS) - {"cli"} | {"commands"}
     figures = {"figures"} if source.stem in DRAWING else set()
-    assert rooms_of(names) <= set(ROOMS) - {"cli"} | {"commands"} | figures
+    nodes = {"nodes"} if source.stem in ROS_COMMANDS else set()
+    assert rooms_of(names) <= rooms | figures | nodes
     commands = {name.split(".")[2] for name in names if name.startswith("star_tracker.commands.")}
     assert commands <= {"options"}
 
@@ -223,9 +232,24 @@ def test_the_rooms_have_no_circle():
         left = {name: needs for name, needs in left.items() if name not in ready}
 
 
+def imports_at_top(source):
+    """Return the dotted names that come with a module's own import."""
+    tree = ast.parse(source.read_text(encoding="utf-8"))
+    at_top = [node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))]
+    return imports_of(ast.Module(at_top, []))
+
+
 def test_an_optional_library_is_not_imported_with_its_module():
     """`import star_tracker.attachments` works without xlrd: the import stands in a function."""
-    tree = ast.parse((CORE / "attachments.py").read_text(encoding="utf-8"))
-    at_top = [node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))]
-    names = {alias.name for node in at_top for alias in node.names}
-    assert "xlrd" not in names | {getattr(node, "module", "") for node in at_top}
+    assert "xlrd" not in tops_of(imports_at_top(CORE / "attachments.py"))
+
+
+@pytest.mark.parametrize("command", sorted(ROS_COMMANDS))
+def test_nodes_are_not_imported_with_a_command(command):
+    """`import star_tracker.cli` works without ROS."""
+    assert "nodes" not in rooms_of(imports_at_top(CORE / "commands" / f"{command}.py"))
+
+
+@named([CORE / "nodes" / f"watch_{name}.py" for name in ("model", "outputs", "record", "view")])
+def test_what_watch_makes_of_plain_values_needs_no_ros(source):
+    assert not tops_of(imports(source)) & ROS
