@@ -37,6 +37,8 @@ def execute(options: argparse.Namespace) -> None:
     check_positive(options, "stars", "timeout_s")
     try:
         _watch(options)
+    except KeyboardInterrupt:
+        return  # before there was a node, which ends with exit code 0 too
     except BrokenPipeError:
         # Who reads has had enough, as `head`. Nothing more is to be flushed at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
