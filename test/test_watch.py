@@ -17,6 +17,8 @@ from rclpy.executors import ExternalShutdownException
 from ros_helpers import frame_of, new_header, open_bench
 from sensor_msgs.msg import Imu, PointCloud2
 
+from msg_adapters.health import health_from_diagnostics
+from msg_adapters.solution import values_from_diagnostics
 from star_tracker import cli
 from star_tracker.nodes import health_report
 from star_tracker.nodes import watch as watch_module
@@ -171,7 +173,7 @@ def start_watch(*arguments, **options):
 
 @pytest.fixture(scope="module")
 def namespace():
-    """The namespace of an identify_node and a replay_node without end, two processes."""
+    """The namespace of an identify_node and a replay_node without end, two processes, at work."""
     name = f"/watch_{os.getpid()}"
     nodes = [
         start(
@@ -186,11 +188,29 @@ def namespace():
             ("replay_node", ["loop:=true", "rate_hz:=20.0"]),
         )
     ]
-    yield name
-    for node in nodes:
-        node.terminate()
-    for node in nodes:
-        node.wait(timeout=TIMEOUT_S)
+    try:
+        wait_until_at_work(name)
+        yield name
+    finally:
+        for node in nodes:
+            node.terminate()
+        for node in nodes:
+            node.wait(timeout=TIMEOUT_S)
+
+
+def wait_until_at_work(namespace):
+    """Wait for a frame that is solved and a report that counts it."""
+    with open_bench(TIMEOUT_S) as bench:
+        solutions = bench.inbox(DiagnosticArray, f"{namespace}/solution")
+        reports = bench.inbox(DiagnosticArray, "/diagnostics")
+        bench.until(lambda: any(
+            values_from_diagnostics(message)["status"] == "SOLVED"
+            for message in solutions.messages
+        ), "solved frame")
+        bench.until(lambda: any(
+            int(health_from_diagnostics(message, status.name)["solved"])
+            for message in reports.messages for status in message.status
+        ), "report of it")
 
 
 def ended(process):
