@@ -245,7 +245,7 @@ def test_a_reader_that_has_enough_ends_it_without_a_word(namespace):
     process = start_watch("--namespace", namespace, "--json")
     json.loads(process.stdout.readline())
     process.stdout.close()
-    assert process.wait(timeout=TIMEOUT_S) == 0
+    assert process.wait(timeout=TIMEOUT_S) == cli.NO_READER
     assert process.stderr.read() == ""
     process.stderr.close()
 

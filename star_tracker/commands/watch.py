@@ -1,7 +1,6 @@
 """`star_tracker watch`: a live view of a running identify_node, the command that needs ROS."""
 
 import argparse
-import os
 import sys
 
 from rich.console import Console
@@ -12,7 +11,7 @@ from star_tracker.commands.options import check_positive
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument(
-        "--namespace", metavar="NS", default="/", help="namespace of the node (/)"
+        "--namespace", metavar="NS", default="/", help="namespace of the node (%(default)s)"
     )
     parser.add_argument(
         "--once", action="store_true",
@@ -20,15 +19,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--json", action="store_true",
-        help="one line of JSON for each frame, with --once one line in all",
+        help="print JSON, a line for each frame, with --once one line in all",
     )
     parser.add_argument(
         "--stars", metavar="N", type=int, default=20,
-        help="identified stars to list at most, as the screen has room; JSON has all (20)",
+        help="most stars to list, as the screen has room; JSON has all (%(default)s)",
     )
     parser.add_argument(
         "--timeout-s", metavar="S", type=float, default=10.0,
-        help="with --once: how long to wait for a frame and a report (10)",
+        help="how long --once waits for a frame and a report, s (%(default)s)",
     )
 
 
@@ -39,9 +38,6 @@ def execute(options: argparse.Namespace) -> None:
         _watch(options)
     except KeyboardInterrupt:
         return  # before there was a node, which ends with exit code 0 too
-    except BrokenPipeError:
-        # Who reads has had enough, as `head`. Nothing more is to be flushed at the end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _watch(options: argparse.Namespace) -> None:

@@ -3,11 +3,13 @@
 import os
 import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+from rclpy.exceptions import NotInitializedException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
@@ -25,23 +27,24 @@ def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) 
 
     SIGINT, SIGTERM and a shutdown by the node itself end with 0, a configuration that cannot be
     used with 2 and one line that says what to change.
+
+    Args:
+        name: of the node, for that line.
+        make: makes the node. Raises ParameterError for a configuration that cannot be used.
+        args: the command line's, None for that of the process.
     """
-    told = _end_soon_when_told()
-    try:
+    with _ending_soon_when_told() as told:
         try:
             rclpy.init(args=args)
             executor = SingleThreadedExecutor()
         except (RCLError, UnknownROSArgsError) as error:
             return 0 if told.is_set() else _refuse(name, error)
         return _spin(name, make, executor, told)
-    finally:
-        if told.is_set():  # Python's own end would take a second signal's default action back
-            for number in _SIGNALS:
-                signal.signal(number, signal.SIG_IGN)
 
 
-def _end_soon_when_told() -> threading.Event:
-    """Take SIGINT and SIGTERM from now on; return the event that tells of the first one.
+@contextmanager
+def _ending_soon_when_told() -> Iterator[threading.Event]:
+    """Take SIGINT and SIGTERM; the event tells of the first one.
 
     rclpy's handlers, which come on top, shut the context down, and the node ends at its next look
     at it. Nothing is raised: an exception out of nowhere is printed and lost in a callback of C,
@@ -49,17 +52,23 @@ def _end_soon_when_told() -> threading.Event:
     not look at the context, a node that still compiles or a frame that takes long, is ended too.
     """
     told = threading.Event()
+    watchdog = threading.Timer(_LONGEST_END_S, os._exit, [0])
+    watchdog.daemon = True
 
     def on_signal(*_: Any) -> None:
         if not told.is_set():  # Ctrl-C below launch comes twice
             told.set()
-            watchdog = threading.Timer(_LONGEST_END_S, os._exit, [0])
-            watchdog.daemon = True
             watchdog.start()
 
     for number in _SIGNALS:
         signal.signal(number, on_signal)
-    return told
+    try:
+        yield told
+    finally:
+        watchdog.cancel()
+        if told.is_set():  # Python's own end would take a second signal's default action back
+            for number in _SIGNALS:
+                signal.signal(number, signal.SIG_IGN)
 
 
 def _spin(
@@ -78,7 +87,7 @@ def _spin(
         return 0
     except ParameterError as error:
         return _refuse(name, error)
-    except RCLError:
+    except (RCLError, NotInitializedException):
         # A signal during the start takes the context away from under the node's constructor.
         if not told.is_set():
             raise

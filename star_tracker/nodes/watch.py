@@ -143,5 +143,5 @@ def watch(output: Output, namespace: str) -> tuple[int, list[str]]:
         return made[0]
 
     # No arguments: those of the command are not for ROS.
-    code = run("star_tracker watch", make, [], interrupt=False)
+    code = run("star_tracker watch", make, [])
     return code, made[0].elsewhere if made else []

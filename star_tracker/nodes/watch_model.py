@@ -114,7 +114,7 @@ class Watched:
     focal_length: Report | None = None
     trouble: str = ""
     n_frames: int = 0
-    _pending: dict[int, _Parts] = field(default_factory=dict)
+    _pending: dict[int, _Parts] = field(init=False, default_factory=dict)
 
     @property
     def full_name(self) -> str:
