@@ -33,11 +33,12 @@ class Command(NamedTuple):
 
 #: The commands by name, which is also that of the module.
 COMMANDS = {
-    "compare": Command(
-        "compare both methods and their paper forms",
-        "Compare both methods, each also in the paper's form, on the eight maps and under noise, "
-        "missing and false stars.",
-        "star_tracker compare --frames 20 --camera '20 deg'",
+    "evaluate": Command(
+        "robustness of both methods and their paper forms",
+        "Robustness of both methods, each also in the paper's form: on the eight maps, and against "
+        "noise, missing and false stars, brightness errors, a wrong camera and a mirrored sky. "
+        "Writes report.html and results.csv; a run that was ended resumes.",
+        "star_tracker evaluate --quick --output evaluation",
     ),
     "boresight": Command(
         "boresight of a star map from three stars",

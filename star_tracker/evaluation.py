@@ -8,7 +8,7 @@ import numpy as np
 
 from star_tracker.camera import Camera
 from star_tracker.catalog import StarCatalog
-from star_tracker.solution import Solution, Status
+from star_tracker.solution import Solution
 from star_tracker.spherical import Floats, separation
 from star_tracker.star_maps import StarMap, SyntheticField, random_rotation, synthetic_field
 from star_tracker.tracker import StarTracker
@@ -99,7 +99,8 @@ class Score:
 
 
 def frames(
-    catalog: StarCatalog, camera: Camera, condition: Condition, n: int, seed: int
+    catalog: StarCatalog, camera: Camera, condition: Condition, n: int,
+    seed: int | np.random.SeedSequence,
 ) -> Iterator[SyntheticField]:
     """Yield `n` frames at random attitudes; the same seed gives the same frames."""
     rng = np.random.default_rng(seed)
@@ -122,25 +123,13 @@ def boresight_error_deg(solution: Solution, frame: SyntheticField) -> float:
     return boresight_angle_deg(solution.attitude.rotation, frame.rotation)
 
 
-def timed_solve(tracker: StarTracker, xy_px: Floats) -> tuple[Solution, float]:
+def timed_solve(
+    tracker: StarTracker, xy_px: Floats, intensity: Floats | None = None
+) -> tuple[Solution, float]:
     """Solve one frame; return the solution and the CPU time that it took, ms."""
     started = time.process_time_ns()
-    solution = tracker.solve(xy_px)
+    solution = tracker.solve(xy_px, intensity)
     return solution, (time.process_time_ns() - started) / 1e6
-
-
-def score_condition(
-    tracker: StarTracker, condition: Condition, n: int, seed: int
-) -> Score:
-    """Solve `n` seeded frames of a condition with the tracker's own camera and catalogue."""
-    errors, times = [], []
-    for frame in frames(tracker.database.catalog, tracker.camera, condition, n, seed):
-        solution, cpu_ms = timed_solve(tracker, frame.xy_px)
-        times.append(cpu_ms)
-        if solution.status is Status.SOLVED:
-            errors.append(boresight_error_deg(solution, frame))
-    n_correct = int(np.sum(np.array(errors) <= condition.correct_deg(tracker.camera)))
-    return Score(n, n_correct, len(errors) - n_correct, np.array(times))
 
 
 def score_map(tracker: StarTracker, star_map: StarMap, repeat: int) -> Score:

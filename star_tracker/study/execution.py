@@ -1,0 +1,99 @@
+"""Where the chunks run: in processes on this machine, or on a Dask cluster."""
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from threading import current_thread, main_thread
+
+import joblib
+
+from star_tracker.resources import sources_digest
+from star_tracker.study.chunks import Chunk, Outcomes, key, run
+from star_tracker.study.store import Store
+
+_CONNECT_S = 10
+#: Yields the results of chunks, each with its place among them, in any order.
+Execute = Callable[[list[Chunk]], Iterator[tuple[int, Outcomes]]]
+
+
+def local(jobs: int) -> Execute:
+    """Return what runs chunks in `jobs` processes; 1 = in this one, 0 = one for each core.
+
+    Raises ValueError for fewer.
+    """
+    if jobs < 0:
+        raise ValueError("--jobs must be at least 1, or 0 for one for each core")
+    n_jobs = jobs or joblib.cpu_count()
+
+    def execute(chunks: list[Chunk]) -> Iterator[tuple[int, Outcomes]]:
+        work = run if n_jobs == 1 else _run_in_worker
+        sources = sources_digest()
+        # The kernels are small: threads of BLAS cost more than they give.
+        with joblib.parallel_config("loky", n_jobs=n_jobs, inner_max_num_threads=1):
+            results = joblib.Parallel(return_as="generator", batch_size=1)(
+                joblib.delayed(work)(chunk, sources) for chunk in chunks
+            )
+        with closing(results):
+            yield from enumerate(results)
+
+    return execute
+
+
+def _run_in_worker(chunk: Chunk, sources: str) -> Outcomes:
+    # Ctrl-C reaches all processes of a terminal; the one in front ends the others.
+    if current_thread() is main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return run(chunk, sources)
+
+
+def on_cluster(address: str) -> Execute:
+    """Return what runs chunks on the Dask cluster of the scheduler at `address`.
+
+    Raises ValueError where distributed is not installed or no scheduler answers.
+    """
+    try:
+        from distributed import Client, as_completed  # noqa: PLC0415  only for this
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"--scheduler needs {error.name}: pip install 'star_tracker[dask]'"
+        ) from error
+    try:
+        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:  # a timeout is an OSError
+        raise ValueError(
+            f"no Dask scheduler answers at {address!r}: start `dask scheduler` there and "
+            f"`dask worker`, or check the address ({error})"
+        ) from error
+
+    def execute(chunks: list[Chunk]) -> Iterator[tuple[int, Outcomes]]:
+        sources = sources_digest()
+        with client:
+            futures = {
+                client.submit(run, chunk, sources, key=f"star_tracker-{key(chunk)}"): place
+                for place, chunk in enumerate(chunks)
+            }
+            try:
+                for future, result in as_completed(futures, with_results=True):
+                    yield futures[future], result
+            finally:
+                client.cancel(list(futures))
+
+    return execute
+
+
+def run_all(
+    chunks: list[Chunk], store: Store, execute: Execute, advance: Callable[[int], None]
+) -> dict[Chunk, Outcomes]:
+    """Return the results of all chunks, of which only those are run that the store lacks.
+
+    `advance` is called with the number of chunks that have come in.
+    """
+    results = {chunk: result for chunk in chunks if (result := store.load(chunk)) is not None}
+    missing = [chunk for chunk in chunks if chunk not in results]
+    advance(len(results))
+    if missing:
+        for place, result in execute(missing):
+            store.save(missing[place], result)
+            results[missing[place]] = result
+            advance(1)
+    return results
