@@ -20,7 +20,10 @@ setup(
         (SHARE, ["package.xml"]),
         (f"{SHARE}/config", sorted(glob("config/*"))),
         (f"{SHARE}/launch", sorted(glob("launch/*.launch.py"))),
-        (f"{SHARE}/data", ["data/hipparcos_v8.npy", "data/crossid.csv", "data/README.md"]),
+        (f"{SHARE}/data", [
+            "data/hipparcos_v8.npy", "data/crossid.csv", "data/report.html.jinja",
+            "data/README.md",
+        ]),
         (f"{SHARE}/data/star_maps", sorted(glob("data/star_maps/*.csv"))),
     ],
     python_requires=">=3.10",

@@ -1,0 +1,136 @@
+"""The curves: rates against each quantity, for each camera."""
+
+import base64
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from star_tracker.study.records import Record
+from star_tracker.study.troubles import QUANTITIES, Quantity
+
+#: Colour (Okabe and Ito's, told apart by colour-blind eyes), marker and line: the methods differ in
+#: colour and marker, their forms in line and filling, so that grey prints can be read, too.
+_STYLES = {
+    "match_group": ("#0072B2", "o", "-", "full"),
+    "match_group, paper": ("#0072B2", "s", "--", "none"),
+    "radial_cyclic": ("#D55E00", "^", "-", "full"),
+    "radial_cyclic, paper": ("#D55E00", "D", ":", "none"),
+    "auto": ("#000000", "v", "-.", "full"),
+}
+_SETTINGS = {
+    "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "axes.grid.axis": "y", "grid.color": "0.88", "svg.fonttype": "path",
+    "svg.hashsalt": "star_tracker",
+}
+#: Markers at the same value stand side by side, so far apart as a fraction of the axis.
+_DODGE = 0.012
+_RATES = ("identified", "wrong")
+
+
+def curves_svg(records: list[Record]) -> str:
+    """Return a data URI with the rates of one sweep at one camera as an SVG picture."""
+    with mpl.rc_context(_SETTINGS):
+        figure = Figure(figsize=(4.6, 4.4), layout="constrained")
+        axes = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.4))
+        _draw(axes, records)
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        picture = BytesIO()
+        figure.savefig(picture, format="svg", metadata={"Date": None, "Creator": None})
+    return "data:image/svg+xml;base64," + base64.b64encode(picture.getvalue()).decode("ascii")
+
+
+def write_overview(records: list[Record], path: Path) -> None:
+    """Write the rates of all numeric sweeps as one PNG picture, a column for each camera."""
+    sweeps: dict[str, dict[str, list[Record]]] = {}
+    for record in records:
+        if record.sweep in QUANTITIES and not isinstance(record.value, str):
+            sweeps.setdefault(record.sweep, {}).setdefault(record.camera, []).append(record)
+    columns = max(len(cameras) for cameras in sweeps.values())
+    with mpl.rc_context(_SETTINGS):
+        figure = Figure(figsize=(4.4 * columns, 3.1 * len(sweeps)), layout="constrained")
+        grid = figure.subplots(
+            2 * len(sweeps), columns, squeeze=False, height_ratios=(3, 1.4) * len(sweeps)
+        )
+        for row, cameras in enumerate(sweeps.values()):
+            for column, (camera, mine) in enumerate(cameras.items()):
+                above, below = grid[2 * row : 2 * row + 2, column]
+                above.tick_params(labelbottom=False)
+                _draw((above, below), mine)
+                above.set_title(f"{QUANTITIES[mine[0].sweep].title}, {camera}")
+        handles = grid[0, 0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside upper center", ncols=4)
+        figure.savefig(path, dpi=100, metadata={"Software": None})
+
+
+def _draw(axes: tuple[Axes, Axes], records: list[Record]) -> None:
+    """Draw the rates of one sweep at one camera: identified above, wrong below."""
+    quantity = QUANTITIES[records[0].sweep]
+    values = list(dict.fromkeys(record.value for record in records))
+    places = _places(values, quantity)
+    apart = _DODGE * (max(places) - min(places) or 1.0)
+    by_name: dict[str, list[Record]] = {}
+    for record in records:
+        by_name.setdefault(record.contestant.name, []).append(record)
+    for i, (name, mine) in enumerate(by_name.items()):
+        at = [place + (i - (len(by_name) - 1) / 2) * apart for place in places]
+        for ax, rate in zip(axes, _RATES, strict=True):
+            _draw_rate(ax, at, mine, rate, joined=not isinstance(values[0], str))
+    above, below = axes
+    above.set(ylabel="identified, %", ylim=(-3, 103))
+    most = max(record.wrong_high_percent for record in records)
+    below.set(ylabel="wrong, %", ylim=(-0.04 * most, 1.05 * most), xlabel=quantity.axis)
+    for ax in axes:
+        ax.set_xticks(places, [_tick(quantity.shown(value)) for value in values])
+
+
+def _draw_rate(ax: Axes, at: list[float], records: list[Record], rate: str, joined: bool) -> None:
+    """Draw one rate of one contestant with its 95 % interval."""
+    name = records[0].contestant.name
+    colour, marker, line, filling = _STYLES[name]
+    middle, low, high = (
+        [getattr(record, f"{rate}{bound}_percent") for record in records]
+        for bound in ("", "_low", "_high")
+    )
+    ax.errorbar(
+        at, middle,
+        yerr=[
+            [m - lo for m, lo in zip(middle, low, strict=True)],
+            [hi - m for m, hi in zip(middle, high, strict=True)],
+        ],
+        color=colour, marker=marker, linestyle=line if joined else "none", fillstyle=filling,
+        markersize=5, linewidth=1.2, elinewidth=0.9, capsize=0, label=name,
+    )
+
+
+def _places(values: list[float | str], quantity: Quantity) -> list[float]:
+    """Return where values stand on the axis: numbers to scale, words side by side."""
+    return [
+        float(i) if isinstance(value, str) else float(quantity.shown(value))
+        for i, value in enumerate(values)
+    ]
+
+
+def _tick(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
+
+
+def alternative(records: list[Record]) -> str:
+    """Return in words what the curves of one sweep at one camera show."""
+    first = records[0]
+    quantity = QUANTITIES[first.sweep]
+    parts = []
+    for name in dict.fromkeys(record.contestant.name for record in records):
+        mine = [record for record in records if record.contestant.name == name]
+        rates = ", ".join(
+            f"{_tick(quantity.shown(r.value))}: {r.identified_percent:.3g}" for r in mine
+        )
+        most = max(r.wrong_percent for r in mine)
+        parts.append(f"{name} identifies (%) {rates}, and is wrong in at most {most:.2g} %")
+    return (
+        f"{quantity.title} at {first.camera}, rates against {quantity.axis}: "
+        + "; ".join(parts) + "."
+    )
+
