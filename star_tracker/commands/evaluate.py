@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich import box
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -66,6 +67,7 @@ def execute(options: argparse.Namespace) -> None:
     console = Console()
     for table in _tables(study, found):
         console.print(table)
+        console.print()
     print(f"{options.output / 'report.html'} has the curves, results.csv beside it the numbers")
 
 
@@ -73,9 +75,10 @@ def _run(study: "Study", options: argparse.Namespace) -> list["Record"]:
     """Return the study's records; where the user ends it, end with one line and exit code 130."""
     from star_tracker.study import chunks, execution, records, store
 
-    on = execution.on_cluster(options.scheduler) if options.scheduler else (
-        execution.local(options.jobs)
-    )
+    if options.scheduler is None:
+        on = execution.local(options.jobs)
+    else:
+        on = execution.on_cluster(options.scheduler)
     planned = chunks.plan(study)
     kept = store.Store(options.output / "chunks")
     # The bar is for people: nothing of it is written where standard error is no terminal.
@@ -116,7 +119,8 @@ def _table(study: "Study", found: list["Record"], camera: str, title: str) -> Ta
     """Return a table with a row for each condition and a column for each contestant."""
     from star_tracker.study.page import label
 
-    table = Table(title=title)
+    # Without frames around the cells, so that four contestants go into 80 columns.
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=0, show_edge=False)
     table.add_column("condition")
     for contestant in study.contestants:
         table.add_column(contestant.name.replace(", ", "\n"), justify="right")

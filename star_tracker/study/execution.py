@@ -1,9 +1,11 @@
 """Where the chunks run: in processes on this machine, or on a Dask cluster."""
 
 import signal
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from threading import current_thread, main_thread
+from urllib.parse import urlsplit
 
 import joblib
 
@@ -12,6 +14,7 @@ from star_tracker.study.chunks import Chunk, Outcomes, key, run
 from star_tracker.study.store import Store
 
 _CONNECT_S = 10
+_SCHEMES = ("tcp", "tls")
 #: Yields the results of chunks, each with its place among them, in any order.
 Execute = Callable[[list[Chunk]], Iterator[tuple[int, Outcomes]]]
 
@@ -49,20 +52,22 @@ def _run_in_worker(chunk: Chunk, sources: str) -> Outcomes:
 def on_cluster(address: str) -> Execute:
     """Return what runs chunks on the Dask cluster of the scheduler at `address`.
 
-    Raises ValueError where distributed is not installed or no scheduler answers.
+    Raises ValueError where distributed is not installed, no scheduler answers, and, while it
+    runs, where the cluster fails.
     """
     try:
-        from distributed import Client, as_completed  # noqa: PLC0415  only for this
+        import distributed  # noqa: PLC0415  only for this
     except ModuleNotFoundError as error:
         raise ValueError(
             f"--scheduler needs {error.name}: pip install 'star_tracker[dask]'"
         ) from error
     try:
-        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:  # a timeout is an OSError
+        _knock(address)
+        client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except OSError as error:
         raise ValueError(
-            f"no Dask scheduler answers at {address!r}: start `dask scheduler` there and "
-            f"`dask worker`, or check the address ({error})"
+            f"no Dask scheduler answers at {address}: start `dask scheduler` there and "
+            f"`dask worker {address}`, or check the address ({error})"
         ) from error
 
     def execute(chunks: list[Chunk]) -> Iterator[tuple[int, Outcomes]]:
@@ -73,12 +78,37 @@ def on_cluster(address: str) -> Execute:
                 for place, chunk in enumerate(chunks)
             }
             try:
-                for future, result in as_completed(futures, with_results=True):
+                for future, result in distributed.as_completed(futures, with_results=True):
                     yield futures[future], result
+            except (
+                ImportError, OSError, distributed.KilledWorker,
+                distributed.client.FutureCancelledError,
+            ) as error:
+                raise ValueError(
+                    f"the Dask cluster at {address} failed: {error}; see that star_tracker is "
+                    "installed on each worker and start again: what is done is kept"
+                ) from error
             finally:
                 client.cancel(list(futures))
 
     return execute
+
+
+def _knock(address: str) -> None:
+    """See that something listens at an address: Dask itself would try for a long time.
+
+    Raises OSError where nothing does, ValueError for what is no address.
+    """
+    parts = urlsplit(address)
+    try:
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host, port = None, None
+    if parts.scheme not in _SCHEMES or not host or not port:
+        raise ValueError(
+            f"--scheduler {address!r} is no address: give one such as tcp://host:8786"
+        )
+    socket.create_connection((host, port), _CONNECT_S).close()
 
 
 def run_all(

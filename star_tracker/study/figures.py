@@ -11,14 +11,14 @@ from matplotlib.figure import Figure
 from star_tracker.study.records import Record
 from star_tracker.study.troubles import QUANTITIES, Quantity
 
-#: Colour (Okabe and Ito's, told apart by colour-blind eyes), marker and line: the methods differ in
-#: colour and marker, their forms in line and filling, so that grey prints can be read, too.
+#: Colour (Okabe and Ito's, told apart by colour-blind eyes), marker, line and filling: all have a
+#: marker of their own, so that grey prints can be read, too.
 _STYLES = {
-    "match_group": ("#0072B2", "o", "-", "full"),
-    "match_group, paper": ("#0072B2", "s", "--", "none"),
-    "radial_cyclic": ("#D55E00", "^", "-", "full"),
-    "radial_cyclic, paper": ("#D55E00", "D", ":", "none"),
-    "auto": ("#000000", "v", "-.", "full"),
+    "match_group": ("#0072B2", "o", "-", "#0072B2"),
+    "match_group, paper": ("#0072B2", "s", "--", "white"),
+    "radial_cyclic": ("#D55E00", "^", "-", "#D55E00"),
+    "radial_cyclic, paper": ("#D55E00", "D", ":", "white"),
+    "auto": ("#000000", "v", "-.", "#000000"),
 }
 _SETTINGS = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
@@ -100,8 +100,8 @@ def _draw_rate(ax: Axes, at: list[float], records: list[Record], rate: str, join
             [m - lo for m, lo in zip(middle, low, strict=True)],
             [hi - m for m, hi in zip(middle, high, strict=True)],
         ],
-        color=colour, marker=marker, linestyle=line if joined else "none", fillstyle=filling,
-        markersize=5, linewidth=1.2, elinewidth=0.9, capsize=0, label=name,
+        color=colour, marker=marker, linestyle=line if joined else "none", markersize=5,
+        markerfacecolor=filling, linewidth=1.2, elinewidth=0.9, capsize=0, label=name,
     )
 
 
