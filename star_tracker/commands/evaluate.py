@@ -107,7 +107,7 @@ def _tables(study: "Study", found: list["Record"]) -> list[Table]:
 
     tables = []
     if study.maps:
-        tables.append(_table(study, found, MAPS, "the paper's maps, labels of their stars"))
+        tables.append(_table(study, found, MAPS, "the paper's maps"))
     for name, _ in study.cameras:
         title = f"{study.frames} frames a condition at {name}"
         tables.append(_table(study, found, name, title))

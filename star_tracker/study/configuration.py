@@ -11,7 +11,7 @@ from star_tracker.camera import Camera
 from star_tracker.evaluation import CAMERAS
 from star_tracker.star_maps import PAPER_MAPS
 from star_tracker.study.contestants import Contestant
-from star_tracker.study.troubles import COMBINED, QUANTITIES, Trouble, Value, check_value
+from star_tracker.study.troubles import COMBINED, QUANTITIES, Trouble, Value, check_value, is_number
 
 _Item = TypeVar("_Item", bound=Hashable)
 _MOST_FRAMES = 1_000_000
@@ -94,7 +94,9 @@ def _mapping(
     """Return a mapping that has all needed keys and besides only allowed ones."""
     needed, known = list(needed), [*needed, *allowed]
     if not isinstance(content, dict):
-        raise ValueError(f"{name} must hold keys with values: {', '.join(known)}")
+        raise ValueError(  # noqa: TRY004  a user's mistake like all others
+            f"{name} must hold keys with values: {', '.join(known)}"
+        )
     for key in content:
         if key not in known:
             raise ValueError(f"{name} has an unknown key {key!r}: use {', '.join(known)}")
@@ -129,12 +131,11 @@ def _whole(name: str, value: object, low: int, high: int) -> int:
 
 
 def _deadline_ms(value: object) -> float:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not value > 0:  # type: ignore[operator]
+    if not is_number(value) or not value > 0:
         raise ValueError(
             f"deadline_ms is {value!r}: give a number greater than 0, .inf for no deadline"
         )
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
 
 
 def _contestant(content: object) -> Contestant:
@@ -161,7 +162,7 @@ def _camera(content: object) -> tuple[str, Camera]:
         return content, CAMERAS[content]
     given = _mapping("a camera", content, ["name", "fov_deg", "width_px", "height_px"])
     fov_deg = given["fov_deg"]
-    if not isinstance(fov_deg, (int, float)) or isinstance(fov_deg, bool):
+    if not is_number(fov_deg):
         raise ValueError(f"fov_deg is {fov_deg!r}: give a number of degrees")
     width, height = (_whole(k, given[k], 16, 65536) for k in ("width_px", "height_px"))
     return str(given["name"]), Camera.from_fov(float(fov_deg), width, height)

@@ -78,7 +78,9 @@ def on_cluster(address: str) -> Execute:
                 for place, chunk in enumerate(chunks)
             }
             try:
-                for future, result in distributed.as_completed(futures, with_results=True):
+                for future, result in distributed.as_completed(
+                    futures, loop=client.loop, with_results=True
+                ):
                     yield futures[future], result
             except (
                 ImportError, OSError, distributed.KilledWorker,

@@ -3,6 +3,7 @@
 import base64
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -20,7 +21,8 @@ _STYLES = {
     "radial_cyclic, paper": ("#D55E00", "D", ":", "white"),
     "auto": ("#000000", "v", "-.", "#000000"),
 }
-_SETTINGS = {
+#: Any, as matplotlib's types for it differ from version to version.
+_SETTINGS: Any = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
     "axes.grid.axis": "y", "grid.color": "0.88", "svg.fonttype": "path",
     "svg.hashsalt": "star_tracker",
@@ -74,7 +76,7 @@ def _draw(axes: tuple[Axes, Axes], records: list[Record]) -> None:
     by_name: dict[str, list[Record]] = {}
     for record in records:
         by_name.setdefault(record.contestant.name, []).append(record)
-    for i, (name, mine) in enumerate(by_name.items()):
+    for i, mine in enumerate(by_name.values()):
         at = [place + (i - (len(by_name) - 1) / 2) * apart for place in places]
         for ax, rate in zip(axes, _RATES, strict=True):
             _draw_rate(ax, at, mine, rate, joined=not isinstance(values[0], str))

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from star_tracker.camera import Camera
 from star_tracker.solution import Status
 from star_tracker.study.chunks import IDENTIFIED, MAPS, WRONG, Chunk, Outcomes
 from star_tracker.study.configuration import Study
@@ -84,7 +83,7 @@ def wilson(k: int, n: int) -> tuple[float, float]:
 
 
 def summarise(study: Study, results: dict[Chunk, Outcomes]) -> list[Record]:
-    """Return the records of a study: maps first, then sweep after sweep, then the combined ones."""
+    """Return a study's records: maps first, then sweep after sweep, then what is combined."""
     cells: dict[tuple[str, str, str], list[Outcomes]] = {}
     for chunk, result in results.items():
         cells.setdefault(chunk.cell, []).append(result)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -96,15 +97,12 @@ class Trouble(Condition):
     @classmethod
     def of(cls, values: Mapping[str, Value]) -> "Trouble":
         """Return the trouble of these values by `QUANTITIES`, named after them."""
-        given = {key: values[key] for key in QUANTITIES if key in values}
-        trouble = cls("", 0.0)
-        for key, value in given.items():
-            trouble = replace(trouble, **{QUANTITIES[key].field: value})
+        fields: dict[str, Any] = {QUANTITIES[key].field: value for key, value in values.items()}
         told = (
-            quantity.label(given[key]) for key, quantity in QUANTITIES.items()
-            if key in given and (key == "brightness_noise_mag" or given[key] != 0)
+            quantity.label(values[key]) for key, quantity in QUANTITIES.items()
+            if key in values and (key == "brightness_noise_mag" or values[key] != 0)
         )
-        return replace(trouble, name=", ".join(told) or "clean")
+        return cls(**{"noise_px": 0.0, **fields, "name": ", ".join(told) or "clean"})
 
     def true_camera(self, camera: Camera) -> Camera:
         """Return the camera that takes the frames."""
@@ -152,6 +150,11 @@ COMBINED = {
 }
 
 
+def is_number(value: object) -> TypeGuard[float]:
+    """Return whether YAML read a number; true and false are none."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
 def check_value(key: str, value: object) -> Value:
     """Return a value of a quantity. Raises ValueError, naming it, for one that is out of range."""
     quantity = QUANTITIES[key]
@@ -159,9 +162,8 @@ def check_value(key: str, value: object) -> Value:
         if value not in PARITIES:
             raise ValueError(f"{key} is {value!r}: use {', '.join(PARITIES)}")
         return str(value)
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not quantity.low <= float(value) <= quantity.high:  # type: ignore[arg-type]
+    if not is_number(value) or not quantity.low <= value <= quantity.high:
         raise ValueError(
             f"{key} is {value!r}: give numbers from {quantity.low:g} to {quantity.high:g}"
         )
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
