@@ -4,6 +4,8 @@
 PYTHON ?= python3
 VENV ?= .venv
 CONSTRAINTS ?=
+# BROWSER=no does not install a browser for the test of the report, which is then skipped.
+BROWSER ?= yes
 PYTEST_ARGS ?=
 
 # The kernels are small: threads of BLAS cost more than they give.
@@ -14,12 +16,12 @@ ros := $(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo sourced || echo w
 ready := $(VENV)/.ready-$(version)-$(ros)-$(notdir $(CONSTRAINTS))
 python := $(VENV)/bin/python
 
-.PHONY: demo test lint docs data figures benchmark clean
+.PHONY: demo test lint docs data figures benchmark report clean
 
 demo: $(ready)
 	$(python) -m star_tracker.nodes.demo
 
-test: $(ready)
+test: $(ready) $(if $(filter no,$(BROWSER)),,$(VENV)/.browser)
 	$(python) -m coverage erase
 	ROS_PYTHON_CHECK_FIELDS=1 $(python) -m coverage run -m pytest $(PYTEST_ARGS)
 	$(python) -m coverage combine --quiet
@@ -46,6 +48,15 @@ figures: $(ready)
 # Against other star identifiers, in a few minutes; ARGS=--full takes about ten times as long.
 benchmark: $(ready)-benchmark
 	$(python) benchmark/peers_benchmark.py $(ARGS)
+
+# The robustness report, in some minutes; what is done is kept in benchmark/results.
+report: $(ready)
+	$(python) -m star_tracker.cli evaluate --output benchmark/results
+	$(python) benchmark/robustness_figure.py
+
+$(VENV)/.browser: requirements/browser.sh $(ready)
+	sh requirements/browser.sh "$(VENV)"
+	touch $@
 
 $(ready): requirements/python.txt requirements/ros.txt requirements/install.sh setup.py $(CONSTRAINTS)
 	sh requirements/install.sh "$(PYTHON)" "$(VENV)" "$(ros)" "$(CONSTRAINTS)"

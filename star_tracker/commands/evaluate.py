@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Run the study and write the report. Raises ValueError for what cannot be used."""
     try:
-        from star_tracker.study import configuration, page, records
+        from star_tracker.study import configuration, execution, page, records  # noqa: F401
     except ModuleNotFoundError as error:
         raise ValueError(
             f"evaluate needs {error.name}: pip install 'star_tracker[report]'"

@@ -11,7 +11,14 @@ from star_tracker.camera import Camera
 from star_tracker.evaluation import CAMERAS
 from star_tracker.star_maps import PAPER_MAPS
 from star_tracker.study.contestants import Contestant
-from star_tracker.study.troubles import COMBINED, QUANTITIES, Trouble, Value, check_value, is_number
+from star_tracker.study.troubles import (
+    COMBINED,
+    QUANTITIES,
+    Trouble,
+    Value,
+    check_value,
+    is_number,
+)
 
 _Item = TypeVar("_Item", bound=Hashable)
 _MOST_FRAMES = 1_000_000

@@ -3,7 +3,7 @@
 import signal
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from threading import current_thread, main_thread
 from urllib.parse import urlsplit
 
@@ -29,12 +29,14 @@ def local(jobs: int) -> Execute:
     n_jobs = jobs or joblib.cpu_count()
 
     def execute(chunks: list[Chunk]) -> Iterator[tuple[int, Outcomes]]:
-        work = run if n_jobs == 1 else _run_in_worker
         sources = sources_digest()
         # The kernels are small: threads of BLAS cost more than they give.
-        with joblib.parallel_config("loky", n_jobs=n_jobs, inner_max_num_threads=1):
+        with (
+            joblib.parallel_config("loky", n_jobs=n_jobs, inner_max_num_threads=1),
+            _interrupts_for_this_process_only(),
+        ):
             results = joblib.Parallel(return_as="generator", batch_size=1)(
-                joblib.delayed(work)(chunk, sources) for chunk in chunks
+                joblib.delayed(run)(chunk, sources) for chunk in chunks
             )
         with closing(results):
             yield from enumerate(results)
@@ -42,11 +44,20 @@ def local(jobs: int) -> Execute:
     return execute
 
 
-def _run_in_worker(chunk: Chunk, sources: str) -> Outcomes:
-    # Ctrl-C reaches all processes of a terminal; the one in front ends the others.
-    if current_thread() is main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-    return run(chunk, sources)
+@contextmanager
+def _interrupts_for_this_process_only() -> Iterator[None]:
+    """Let processes that start meanwhile ignore Ctrl-C, which reaches all of a terminal.
+
+    This one ends the others; they inherit that the signal is ignored.
+    """
+    if current_thread() is not main_thread():  # only there it can be set
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def on_cluster(address: str) -> Execute:

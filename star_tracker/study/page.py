@@ -1,5 +1,6 @@
 """The report: one self-contained HTML page (`data/report.html.jinja`)."""
 
+import math
 import platform
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,7 +62,7 @@ def write_page(study: Study, records: list[Record], path: Path) -> None:
     text = environment.get_template(_TEMPLATE).render(
         study=study, balances=balances(study, records), sections=sections(study, records),
         correct_deg=CORRECT_DEG, n_guide_stars=len(database().catalog), version=version(),
-        versions=_versions(),
+        deadline=_deadline(study.deadline_ms), versions=_versions(),
     )
     try:
         path.write_text(text, encoding="utf-8")
@@ -116,6 +117,10 @@ def _figures(records: list[Record]) -> tuple[tuple[str, str, str], ...]:
     return tuple(
         (camera, curves_svg(mine), alternative(mine)) for camera, mine in cameras.items()
     )
+
+
+def _deadline(deadline_ms: float) -> str:
+    return "none" if math.isinf(deadline_ms) else f"{deadline_ms:g} ms of wall-clock time a frame"
 
 
 def _versions() -> str:
