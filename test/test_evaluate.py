@@ -556,7 +556,7 @@ sys.exit(cli.main())
 def test_an_interrupted_run_says_how_to_go_on(tmp_path):
     """Ctrl-C reaches all processes of the group, as in a terminal."""
     arguments = [
-        "evaluate", "--config", written(tmp_path, changed(frames=2000)), "--output",
+        "evaluate", "--config", written(tmp_path, changed(frames=400)), "--output",
         tmp_path / "out", "--jobs", "2",
     ]
     with subprocess.Popen(

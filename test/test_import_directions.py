@@ -71,7 +71,7 @@ COMMANDS = {
     "options": {"rich"},
     "boresight": {"rich"},
     "calibrate": {"rich"},
-    "compare": {"rich"},
+    "evaluate": {"rich"},
     "geometry": {"rich"},
     "plot": set(),
     "watch": {"rich"},
@@ -99,6 +99,22 @@ FIGURES = {
 }
 #: The commands that may import the nodes, and that only when they run: the others need no ROS.
 ROS_COMMANDS = {"watch"}
+#: The modules of the study: which others of it they may import, and which libraries. They may also
+#: import all of the core.
+STUDY = {
+    "__init__": (set(), set()),
+    "contestants": (set(), set()),
+    "troubles": (set(), set()),
+    "configuration": ({"contestants", "troubles"}, {"yaml"}),
+    "chunks": ({"configuration", "contestants", "troubles"}, set()),
+    "store": ({"chunks"}, set()),
+    "execution": ({"chunks", "store"}, {"joblib", "distributed"}),
+    "records": ({"chunks", "configuration", "contestants", "troubles"}, set()),
+    "figures": ({"records", "troubles"}, {"matplotlib"}),
+    "page": (
+        {"chunks", "configuration", "figures", "records", "troubles"}, {"jinja2", "numba"},
+    ),
+}
 ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros", "msg_adapters"}
 
 
@@ -157,7 +173,7 @@ def test_a_command_imports_the_core_and_its_own_libraries(source):
     rooms = set(ROOMS) - {"cli"} | {"commands"}
     figures = {"figures"} if source.stem in DRAWING else set()
     nodes = {"nodes"} if source.stem in ROS_COMMANDS else set()
-    assert rooms_of(names) <= rooms | figures | nodes
+    assert rooms_of(names) <= rooms | {"study"} | figures | nodes
     commands = {name.split(".")[2] for name in names if name.startswith("star_tracker.commands.")}
     assert commands <= {"options"}
 
@@ -192,6 +208,17 @@ def test_a_command_imports_figures_only_where_it_draws(source):
     tree = ast.parse(source.read_text(encoding="utf-8"))
     at_top = [node.module or "" for node in tree.body if isinstance(node, ast.ImportFrom)]
     assert not [module for module in at_top if module.startswith("star_tracker.figures")]
+
+
+@named(modules(CORE / "study"))
+def test_a_module_of_the_study_imports_the_core_and_what_it_may(source):
+    names = imports(source)
+    rooms, libraries = STUDY[source.stem]
+    others = tops_of(names) - sys.stdlib_module_names - {"star_tracker"}
+    assert others <= LIBRARIES | libraries
+    assert rooms_of(names) <= set(ROOMS) - {"cli"} | {"study"}
+    mine = {name.split(".")[2] for name in names if name.startswith("star_tracker.study.")}
+    assert mine <= rooms
 
 
 @named(modules(CORE))
