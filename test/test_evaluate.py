@@ -282,6 +282,7 @@ def swept(quantity, **content):
         (swept("noise_px"), "sweep noise_px has no key 'values': add it"),
         (swept("noise_px", values=[]), "sweep noise_px must be a list of one item or more"),
         (swept("noise_px", values=[1, 1.0]), "sweep noise_px lists 1.0 twice: leave one"),
+        (swept("noise_px", values=[1, 1.0000001]), "sweep noise_px lists 1.0000001 twice"),
         (swept("noise_px", values=[-1]), "sweep noise_px: noise_px is -1: give numbers from 0"),
         (swept("noise_px", values=[True]), "sweep noise_px: noise_px is True: give numbers"),
         (swept("missing_fraction", values=[1.2]), "missing_fraction is 1.2: give numbers from 0"),

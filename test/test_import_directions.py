@@ -110,7 +110,7 @@ STUDY = {
     "store": ({"chunks"}, set()),
     "execution": ({"chunks", "store"}, {"joblib", "distributed"}),
     "records": ({"chunks", "configuration", "contestants", "troubles"}, set()),
-    "figures": ({"records", "troubles"}, {"matplotlib"}),
+    "figures": ({"records", "troubles"}, {"PIL", "matplotlib"}),
     "page": (
         {"chunks", "configuration", "figures", "records", "troubles"}, {"jinja2", "numba"},
     ),

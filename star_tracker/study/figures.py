@@ -1,6 +1,7 @@
 """The curves: rates against each quantity, for each camera."""
 
 import base64
+from collections.abc import Iterable
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from PIL import Image  # matplotlib needs it, too
 
 from star_tracker.study.records import Record
 from star_tracker.study.troubles import QUANTITIES, Quantity
@@ -29,7 +31,8 @@ _SETTINGS: Any = {
 }
 #: Markers at the same value stand side by side, so far apart as a fraction of the axis.
 _DODGE = 0.012
-_RATES = ("identified", "wrong")
+#: The overview: sweeps side by side, colours of the file.
+_COLUMNS, _COLOURS = 3, 64
 
 
 def curves_svg(records: list[Record]) -> str:
@@ -45,30 +48,43 @@ def curves_svg(records: list[Record]) -> str:
 
 
 def write_overview(records: list[Record], path: Path) -> None:
-    """Write the rates of all numeric sweeps as one PNG picture, a column for each camera."""
-    sweeps: dict[str, dict[str, list[Record]]] = {}
+    """Write the rates of all numeric sweeps and cameras as one PNG picture."""
+    panels: dict[str, dict[str, list[Record]]] = {}
     for record in records:
         if record.sweep in QUANTITIES and not isinstance(record.value, str):
-            sweeps.setdefault(record.sweep, {}).setdefault(record.camera, []).append(record)
-    columns = max(len(cameras) for cameras in sweeps.values())
+            panels.setdefault(record.sweep, {}).setdefault(record.camera, []).append(record)
+    sweeps, cameras = list(panels), list(next(iter(panels.values())))
+    # Below each row of sweeps at one camera the same sweeps at the next.
+    rows = [
+        [panels[sweep][camera] for sweep in sweeps[first : first + _COLUMNS]]
+        for first in range(0, len(sweeps), _COLUMNS) for camera in cameras
+    ]
     with mpl.rc_context(_SETTINGS):
-        figure = Figure(figsize=(4.4 * columns, 3.1 * len(sweeps)), layout="constrained")
+        figure = Figure(figsize=(3.3 * _COLUMNS, 2.9 * len(rows)), layout="constrained")
         grid = figure.subplots(
-            2 * len(sweeps), columns, squeeze=False, height_ratios=(3, 1.4) * len(sweeps)
+            2 * len(rows), _COLUMNS, squeeze=False, height_ratios=(3, 1.4) * len(rows)
         )
-        for row, cameras in enumerate(sweeps.values()):
-            for column, (camera, mine) in enumerate(cameras.items()):
-                above, below = grid[2 * row : 2 * row + 2, column]
-                above.tick_params(labelbottom=False)
-                _draw((above, below), mine)
-                above.set_title(f"{QUANTITIES[mine[0].sweep].title}, {camera}")
+        for at, row in enumerate(rows):
+            for column, pair in enumerate(grid[2 * at : 2 * at + 2].T):
+                if column < len(row):
+                    _draw(pair, row[column])
+                    title = f"{QUANTITIES[row[column][0].sweep].title}, {row[column][0].camera}"
+                    pair[0].set_title(title, fontsize="medium")
+                    pair[0].tick_params(labelbottom=False)
+                else:
+                    for ax in pair:
+                        ax.set_axis_off()
         handles = grid[0, 0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside upper center", ncols=4)
-        figure.savefig(path, dpi=100, metadata={"Software": None})
+        picture = BytesIO()
+        figure.savefig(picture, format="png", dpi=100)
+    # So few colours need a palette only: a quarter of the size.
+    Image.open(picture).convert("RGB").quantize(_COLOURS).save(path, optimize=True)
 
 
-def _draw(axes: tuple[Axes, Axes], records: list[Record]) -> None:
+def _draw(axes: Iterable[Axes], records: list[Record]) -> None:
     """Draw the rates of one sweep at one camera: identified above, wrong below."""
+    above, below = axes
     quantity = QUANTITIES[records[0].sweep]
     values = list(dict.fromkeys(record.value for record in records))
     places = _places(values, quantity)
@@ -78,13 +94,12 @@ def _draw(axes: tuple[Axes, Axes], records: list[Record]) -> None:
         by_name.setdefault(record.contestant.name, []).append(record)
     for i, mine in enumerate(by_name.values()):
         at = [place + (i - (len(by_name) - 1) / 2) * apart for place in places]
-        for ax, rate in zip(axes, _RATES, strict=True):
+        for ax, rate in ((above, "identified"), (below, "wrong")):
             _draw_rate(ax, at, mine, rate, joined=not isinstance(values[0], str))
-    above, below = axes
     above.set(ylabel="identified, %", ylim=(-3, 103))
     most = max(record.wrong_high_percent for record in records)
     below.set(ylabel="wrong, %", ylim=(-0.04 * most, 1.05 * most), xlabel=quantity.axis)
-    for ax in axes:
+    for ax in (above, below):
         ax.set_xticks(places, [_tick(quantity.shown(value)) for value in values])
 
 

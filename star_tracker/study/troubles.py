@@ -68,7 +68,7 @@ QUANTITIES = {
     ),
     "principal_point_offset_px": Quantity(
         "principal_point_offset_px", "Principal point off",
-        "offset of the principal point along x and y, px", "offset {:g} px", low=-100, high=100,
+        "principal point off along x and y, px", "offset {:g} px", low=-100, high=100,
     ),
     "mirrored_sky_parity": Quantity(
         "mirrored_sky_parity", "Mirrored sky", "parity told, while the true one is mirrored",
@@ -166,4 +166,5 @@ def check_value(key: str, value: object) -> Value:
         raise ValueError(
             f"{key} is {value!r}: give numbers from {quantity.low:g} to {quantity.high:g}"
         )
-    return float(value)
+    # As its label tells it, lest two conditions have one name.
+    return float(f"{value:g}")
