@@ -482,6 +482,14 @@ def test_records_survive_the_csv(records, tmp_path):
     assert head.startswith("method,form,camera,sweep,value,condition,n,identified_percent,")
 
 
+@pytest.mark.parametrize("name", ["results.csv", "report.html"])
+def test_a_file_that_cannot_be_written_is_told(study, records, tmp_path, name):
+    path = tmp_path / name
+    path.mkdir()
+    with pytest.raises(ValueError, match=f"{name} cannot be written: Is a directory"):
+        write_csv(records, path) if name.endswith("csv") else write_page(study, records, path)
+
+
 @pytest.mark.parametrize("text", ["a,b\n1,2\n", "method,form\nx,\n"])
 def test_a_csv_of_something_else_is_refused(tmp_path, text):
     path = tmp_path / "other.csv"

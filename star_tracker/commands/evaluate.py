@@ -16,6 +16,7 @@ from star_tracker.resources import resource_path
 
 if TYPE_CHECKING:
     from star_tracker.study.configuration import Study
+    from star_tracker.study.execution import Execute
     from star_tracker.study.records import Record
 
 _INTERRUPTED = 130
@@ -49,8 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> None:
     """Run the study and write the report. Raises ValueError for what cannot be used."""
-    try:
-        from star_tracker.study import configuration, execution, page, records  # noqa: F401
+    try:  # all that need a library, before anything is done
+        from star_tracker.study import configuration, execution, page, records
     except ModuleNotFoundError as error:
         raise ValueError(
             f"evaluate needs {error.name}: pip install 'star_tracker[report]'"
@@ -58,7 +59,11 @@ def execute(options: argparse.Namespace) -> None:
     study = configuration.read_study(options.config or resource_path("config/evaluation.yaml"))
     if options.quick:
         study = study.quick()
-    found = _run(study, options)
+    if options.scheduler is None:
+        execute_on = execution.local(options.jobs)
+    else:
+        execute_on = execution.on_cluster(options.scheduler)
+    found = _run(study, execute_on, options.output / "chunks")
     records.write_csv(found, options.output / "results.csv")
     page.write_page(study, found, options.output / "report.html")
     if options.json:
@@ -71,22 +76,20 @@ def execute(options: argparse.Namespace) -> None:
     print(f"{options.output / 'report.html'} has the curves, results.csv beside it the numbers")
 
 
-def _run(study: "Study", options: argparse.Namespace) -> list["Record"]:
+def _run(study: "Study", execute_on: "Execute", folder: Path) -> list["Record"]:
     """Return the study's records; where the user ends it, end with one line and exit code 130."""
     from star_tracker.study import chunks, execution, records, store
 
-    if options.scheduler is None:
-        on = execution.local(options.jobs)
-    else:
-        on = execution.on_cluster(options.scheduler)
     planned = chunks.plan(study)
-    kept = store.Store(options.output / "chunks")
+    kept = store.Store(folder)
     # The bar is for people: nothing of it is written where standard error is no terminal.
     console = Console(stderr=True)
     try:
         with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
             task = bar.add_task("evaluating", total=len(planned))
-            results = execution.run_all(planned, kept, on, lambda n: bar.advance(task, n))
+            results = execution.run_all(
+                planned, kept, execute_on, lambda n: bar.advance(task, n)
+            )
     except KeyboardInterrupt:
         print(
             "star_tracker evaluate: ended; start the same command again to go on from here",

@@ -36,11 +36,6 @@ class Sweep:
         """Return the trouble at one value."""
         return Trouble.of({**dict(self.base), self.quantity: value})
 
-    @property
-    def base_name(self) -> str:
-        """What stays the same, in words; empty where nothing does."""
-        return Trouble.of(dict(self.base)).name if self.base else ""
-
 
 @dataclass(frozen=True)
 class Study:

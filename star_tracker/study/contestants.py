@@ -1,6 +1,7 @@
 """The contestants: both methods, each as this package and as the paper has it (5.4)."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from star_tracker.database import FeatureDatabase
 from star_tracker.match_group import MatchGroupSettings
@@ -9,7 +10,7 @@ from star_tracker.solution import METHODS, SolveSettings
 
 FORMS = ("own", "paper")
 #: What follows the way to the candidates, alignment, pose and verification, is alike in all forms.
-_PAPER = {
+_PAPER: dict[str, Any] = {
     "match_group": MatchGroupSettings(
         pair_tolerance_px=(3.0,), cells=3, quick=False, voting="plain"
     ),
@@ -46,7 +47,7 @@ class Contestant:
     def settings(self, deadline_ms: float) -> SolveSettings:
         """Return the settings of its tracker."""
         form = {self.method: _PAPER[self.method]} if self.form == "paper" else {}
-        return SolveSettings(method=self.method, deadline_ms=deadline_ms, **form)  # type: ignore[arg-type]
+        return SolveSettings(method=self.method, deadline_ms=deadline_ms, **form)
 
     def storage_bytes(self, database: FeatureDatabase) -> int:
         """Return the size of the features that it searches."""

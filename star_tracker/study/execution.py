@@ -5,6 +5,7 @@ import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from threading import current_thread, main_thread
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import joblib
@@ -12,6 +13,9 @@ import joblib
 from star_tracker.resources import sources_digest
 from star_tracker.study.chunks import Chunk, Outcomes, key, run
 from star_tracker.study.store import Store
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 _CONNECT_S = 10
 _SCHEMES = ("tcp", "tls")
@@ -63,25 +67,14 @@ def _interrupts_for_this_process_only() -> Iterator[None]:
 def on_cluster(address: str) -> Execute:
     """Return what runs chunks on the Dask cluster of the scheduler at `address`.
 
-    Raises ValueError where distributed is not installed, no scheduler answers, and, while it
-    runs, where the cluster fails.
+    It raises ValueError where distributed is not installed, no scheduler answers or the cluster
+    fails.
     """
-    try:
-        import distributed  # noqa: PLC0415  only for this
-    except ModuleNotFoundError as error:
-        raise ValueError(
-            f"--scheduler needs {error.name}: pip install 'star_tracker[dask]'"
-        ) from error
-    try:
-        _knock(address)
-        client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
-    except OSError as error:
-        raise ValueError(
-            f"no Dask scheduler answers at {address}: start `dask scheduler` there and "
-            f"`dask worker {address}`, or check the address ({error})"
-        ) from error
 
     def execute(chunks: list[Chunk]) -> Iterator[tuple[int, Outcomes]]:
+        client = _client(address)
+        import distributed  # noqa: PLC0415  _client has found it
+
         sources = sources_digest()
         with client:
             futures = {
@@ -105,6 +98,24 @@ def on_cluster(address: str) -> Execute:
                 client.cancel(list(futures))
 
     return execute
+
+
+def _client(address: str) -> "Client":
+    """Connect to a Dask scheduler. Raises ValueError where that is not possible."""
+    try:
+        from distributed import Client  # noqa: PLC0415  only for this
+    except ModuleNotFoundError as error:
+        raise ValueError(
+            f"--scheduler needs {error.name}: pip install 'star_tracker[dask]'"
+        ) from error
+    try:
+        _knock(address)
+        return Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except OSError as error:
+        raise ValueError(
+            f"no Dask scheduler answers at {address}: start `dask scheduler` there and "
+            f"`dask worker {address}`, or check the address ({error})"
+        ) from error
 
 
 def _knock(address: str) -> None:

@@ -78,7 +78,11 @@ def sections(study: Study, records: list[Record]) -> list[Section]:
     parts = []
     for sweep in study.sweeps:
         mine = found[sweep.quantity]
-        remark = f"Meanwhile: {sweep.base_name}." if sweep.base else ""
+        base = ", ".join(
+            f"{QUANTITIES[key].title.lower()} ({QUANTITIES[key].label(value)})"
+            for key, value in sweep.base
+        )
+        remark = f"Meanwhile: {base}." if base else ""
         parts.append(Section(
             sweep.quantity, QUANTITIES[sweep.quantity].title, remark, _figures(mine), tuple(mine)
         ))

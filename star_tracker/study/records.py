@@ -141,11 +141,17 @@ def _record(place: _Place, contestant: Contestant, results: list[Outcomes]) -> R
 
 
 def write_csv(records: Iterable[Record], path: Path) -> None:
-    """Write records as a table; what there is none of stays empty."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Record)])
-        writer.writeheader()
-        writer.writerows(asdict(record) for record in records)
+    """Write records as a table; what there is none of stays empty.
+
+    Raises ValueError where the file cannot be written.
+    """
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, [field.name for field in fields(Record)])
+            writer.writeheader()
+            writer.writerows(asdict(record) for record in records)
+    except OSError as error:
+        raise ValueError(f"{path} cannot be written: {error.strerror}") from error
 
 
 def read_csv(path: Path) -> list[Record]:
