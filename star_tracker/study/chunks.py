@@ -194,7 +194,7 @@ def database() -> FeatureDatabase:
     return FeatureDatabase.cached(StarCatalog.paper())
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _tracker(contestant: Contestant, camera: Camera, deadline_ms: float) -> StarTracker:
     """Return a tracker whose caches are filled: the first frame that counts is like any other."""
     tracker = StarTracker(database(), camera, contestant.settings(deadline_ms))
