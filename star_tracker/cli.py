@@ -35,9 +35,9 @@ class Command(NamedTuple):
 COMMANDS = {
     "evaluate": Command(
         "robustness of both methods and their paper forms",
-        "Robustness of both methods, each also in the paper's form: on the eight maps, and against "
-        "noise, missing and false stars, brightness errors, a wrong camera and a mirrored sky. "
-        "Writes report.html and results.csv; a run that was ended resumes.",
+        "Robustness of both methods, each also in the paper's form: on the eight maps, and "
+        "against noise, missing and false stars, brightness errors, a wrong camera and a mirrored "
+        "sky. Writes report.html and results.csv; a run that was ended resumes.",
         "star_tracker evaluate --quick --output evaluation",
     ),
     "boresight": Command(

@@ -22,7 +22,7 @@ from star_tracker import cli
 ROOT = Path(__file__).resolve().parent.parent
 TIMEOUT_S = 60.0
 #: Commands whose examples take too long to be run here, or need a node that runs.
-SLOW = {"compare", "watch"}
+SLOW = {"evaluate", "watch"}
 #: The unit that an option's name ends with, as its help has it.
 UNITS = {"px": "px", "deg": "deg", "ms": "ms", "s": "s", "hz": "Hz", "arcsec": "arcsec"}
 NAMES = sorted(cli.COMMANDS)

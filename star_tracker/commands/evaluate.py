@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from star_tracker.commands.options import add_json_argument
 from star_tracker.resources import resource_path
 
 if TYPE_CHECKING:
@@ -30,22 +31,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
     parser.add_argument(
         "--output", type=Path, default=Path("evaluation"), metavar="DIR",
-        help="where the report and the results go, and from where a run resumes (evaluation)",
+        help="where report and results go, and from where a run resumes (%(default)s)",
     )
     parser.add_argument(
-        "--config", type=Path, metavar="FILE", help="what to measure (config/evaluation.yaml)"
+        "--config", type=Path, metavar="FILE",
+        help="what to measure, a YAML file (config/evaluation.yaml)",
     )
     parser.add_argument(
         "--quick", action="store_true", help="few frames and values: under a minute"
     )
     parser.add_argument(
-        "--jobs", type=int, default=0, metavar="N", help="processes (one for each core)"
+        "--jobs", type=int, default=0, metavar="N",
+        help="processes, 0 = one for each core (%(default)s)",
     )
     parser.add_argument(
         "--scheduler", metavar="ADDRESS",
-        help="run on the Dask cluster of this scheduler, for instance tcp://host:8786",
+        help="run on the Dask cluster of this scheduler, for instance tcp://host:8786 (this "
+        "machine's processes)",
     )
-    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    add_json_argument(parser)
 
 
 def execute(options: argparse.Namespace) -> None:
