@@ -106,7 +106,7 @@ def test_interrupted_demo_ends_without_a_traceback():
         command, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as demo:
         try:
-            watchdog = threading.Timer(60.0, os.killpg, [demo.pid, signal.SIGKILL])
+            watchdog = threading.Timer(120.0, os.killpg, [demo.pid, signal.SIGKILL])
             watchdog.start()
             lines = []
             for line in demo.stderr:
