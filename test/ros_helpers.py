@@ -27,7 +27,7 @@ from msg_adapters.point_cloud import Centroids, cloud_from_centroids, stars_from
 from msg_adapters.solution import values_from_diagnostics
 
 #: The longest wait for anything. Discovery between processes alone may take 2.4 s.
-TIMEOUT_S = 10.0
+TIMEOUT_S = 30.0
 #: Deep enough for every burst of the tests.
 DEPTH = 200
 _numbers = itertools.count(1)

@@ -2,8 +2,9 @@
 
 import signal
 import socket
+import warnings
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from threading import current_thread, main_thread
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
@@ -42,8 +43,13 @@ def local(jobs: int) -> Execute:
             results = joblib.Parallel(return_as="generator", batch_size=1)(
                 joblib.delayed(run)(chunk, sources) for chunk in chunks
             )
-        with closing(results):
+        try:
             yield from enumerate(results)
+        finally:
+            with warnings.catch_warnings():
+                # joblib's advice for a run that was ended: the command says what to do.
+                warnings.filterwarnings("ignore", r"\d+ tasks? ", UserWarning)
+                results.close()
 
     return execute
 
