@@ -53,6 +53,8 @@ class Store:
                 f"{path} cannot be written: {error.strerror}; free space or choose another "
                 "--output, then start again: what is done is kept"
             ) from error
+        finally:  # of a write that failed or was interrupted nothing is left
+            part.unlink(missing_ok=True)
 
     def _path(self, chunk: Chunk) -> Path:
         return self.folder / f"{key(chunk)}.json"
