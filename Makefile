@@ -51,7 +51,7 @@ benchmark: $(ready)-benchmark
 
 # The robustness report, in some minutes; what is done is kept in benchmark/results.
 report: $(ready)
-	$(python) -m star_tracker.cli evaluate --output benchmark/results
+	$(python) -m star_tracker.commands.cli evaluate --output benchmark/results
 	$(python) benchmark/robustness_figure.py
 
 $(VENV)/.browser: requirements/browser.sh $(ready)

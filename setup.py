@@ -44,7 +44,7 @@ setup(
         "console_scripts": [
             "identify_node = star_tracker.nodes.entry_points:identify_node",
             "replay_node = star_tracker.nodes.entry_points:replay_node",
-            "star_tracker = star_tracker.cli:main",
+            "star_tracker = star_tracker.commands.cli:main",
             "star_tracker_demo = star_tracker.nodes.demo:main",
         ],
     },

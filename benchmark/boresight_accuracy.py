@@ -17,18 +17,18 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, f
 
-from star_tracker import matched_map
-from star_tracker.wahba import (wahba)
-from star_tracker.calibration import calibrate
-from star_tracker.camera import Camera
-from star_tracker.catalog import StarCatalog
-from star_tracker.database import FeatureDatabase
-from star_tracker.error_propagation import cramer_rao_covariance
-from star_tracker.evaluation import CAMERAS
+from star_tracker.commands import matched_map
+from star_tracker.attitude.wahba import (wahba)
+from star_tracker.calibration.lens import calibrate
+from star_tracker.optics.camera import Camera
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.calibration.error_propagation import cramer_rao_covariance
+from star_tracker.maps.simulation import CAMERAS
 from star_tracker.solution import SolveSettings, Status
-from star_tracker.spherical import separation
-from star_tracker.star_maps import random_rotation, synthetic_field
-from star_tracker.three_star import (
+from star_tracker.geometry.spherical import separation
+from star_tracker.maps.simulation import random_rotation, synthetic_field
+from star_tracker.calibration.three_star import (
     MAX_ERROR_FACTOR,
     boresight_linear,
     boresight_spherical,

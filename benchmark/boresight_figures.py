@@ -21,11 +21,11 @@ import numpy as np
 from matplotlib import pyplot as plt
 from scipy.stats import spearmanr
 
-from star_tracker.camera import Camera
-from star_tracker.error_propagation import three_star_covariance
-from star_tracker.spherical import separation
-from star_tracker.star_maps import random_rotation
-from star_tracker.three_star import (
+from star_tracker.optics.camera import Camera
+from star_tracker.calibration.error_propagation import three_star_covariance
+from star_tracker.geometry.spherical import separation
+from star_tracker.maps.simulation import random_rotation
+from star_tracker.calibration.three_star import (
     MAX_ERROR_FACTOR,
     cosines,
     error_factor,

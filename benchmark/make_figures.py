@@ -16,16 +16,16 @@ sys.path.insert(0, str(ROOT))
 
 import numpy as np
 
-from star_tracker import cli
-from star_tracker.catalog import StarCatalog
-from star_tracker.database import FeatureDatabase
-from star_tracker.evaluation import CAMERAS, Condition
+from star_tracker.commands import cli
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.maps.simulation import CAMERAS, Condition
 from star_tracker.figures.pair_histogram import draw_pairs
 from star_tracker.figures.sky_map import draw_sky_map
 from star_tracker.figures.sky_survey import Survey, survey
 from star_tracker.figures.style import house_style, save
-from star_tracker.pairs import PairTable
-from star_tracker.star_maps import PAPER_MAPS
+from star_tracker.catalogue.pairs import PairTable
+from star_tracker.maps.star_map import PAPER_MAPS
 from star_tracker.tracker import StarTracker
 
 DPI = 110

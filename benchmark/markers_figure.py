@@ -24,11 +24,11 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from msg_adapters.markers import markers_from_solution
-from star_tracker.catalog import StarCatalog
-from star_tracker.database import FeatureDatabase
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.solution import SolveSettings
-from star_tracker.spherical import tangent_basis
-from star_tracker.star_maps import paper_maps
+from star_tracker.geometry.spherical import tangent_basis
+from star_tracker.maps.star_map import paper_maps
 from star_tracker.tracker import StarTracker
 
 BACKGROUND, GRID = "#0a0e1a", "#1d3050"

@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from star_tracker.camera import Camera
-from star_tracker.catalog import StarCatalog
-from star_tracker.database import FeatureDatabase
-from star_tracker.spherical import Floats
-from star_tracker.star_maps import SyntheticField
+from star_tracker.optics.camera import Camera
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.geometry.spherical import Floats
+from star_tracker.maps.simulation import SyntheticField
 from star_tracker.tracker import StarTracker
 
 #: A field of view given to a peer may be wrong by this fraction. Noise makes it look wrong, too:

@@ -26,13 +26,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from peers import Contestant, Entry, starting_list
 from peers_report import Row, results_page, tables, write_plot
-from star_tracker.camera import Camera
-from star_tracker.catalog import StarCatalog
-from star_tracker.evaluation import (
-    CAMERAS, CONDITIONS, CORRECT_DEG, Condition, Score, boresight_angle_deg, frames,
-)
-from star_tracker.spherical import Floats
-from star_tracker.star_maps import SyntheticField
+from star_tracker.optics.camera import Camera
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.maps.simulation import boresight_angle_deg
+from star_tracker.study.scoring import Score
+from star_tracker.maps.simulation import CAMERAS, CONDITIONS, CORRECT_DEG, Condition, frames
+from star_tracker.geometry.spherical import Floats
+from star_tracker.maps.simulation import SyntheticField
 
 FOLDER = Path(__file__).resolve().parent
 #: Frames a condition, and how many of them a slow contestant sees: by default and with --full.

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from peers import Entry
-from star_tracker.evaluation import CORRECT_DEG, Score
+from star_tracker.study.scoring import Score
+from star_tracker.maps.simulation import CORRECT_DEG
 
 _PACKAGES = ("numpy", "scipy", "numba", "tetra3rs", "ruststartracker")
 #: A shade of grey, a marker and a line for each contestant: told apart without colours.

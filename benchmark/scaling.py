@@ -16,14 +16,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
 
-from star_tracker.camera import Camera
-from star_tracker.catalog import StarCatalog
-from star_tracker.database import FeatureDatabase
-from star_tracker.evaluation import timed_solve
-from star_tracker.votes import (vote_counts)
+from star_tracker.optics.camera import Camera
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.study.scoring import timed_solve
+from star_tracker.identification.votes import (vote_counts)
 from star_tracker.solution import SolveSettings
-from star_tracker.spherical import Floats, separation
-from star_tracker.star_maps import random_rotation, uniform_noise, visible_stars
+from star_tracker.geometry.spherical import Floats, separation
+from star_tracker.maps.simulation import random_rotation, uniform_noise, visible_stars
 from star_tracker.tracker import StarTracker
 
 CAMERA = Camera.from_fov(12, 2048, 2048)

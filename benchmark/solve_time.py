@@ -18,11 +18,11 @@ import numba
 import numpy as np
 import scipy
 
-from star_tracker.catalog import StarCatalog
-from star_tracker.database import FeatureDatabase
-from star_tracker.evaluation import score_map
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.study.scoring import score_map
 from star_tracker.solution import METHODS, SolveSettings
-from star_tracker.star_maps import paper_maps
+from star_tracker.maps.star_map import paper_maps
 from star_tracker.tracker import StarTracker
 
 

@@ -25,11 +25,12 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from star_tracker.catalog import StarCatalog
-from star_tracker.database import FeatureDatabase
-from star_tracker.evaluation import CAMERAS, CONDITIONS, Condition, boresight_error_deg, frames
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.study.scoring import boresight_error_deg
+from star_tracker.maps.simulation import CAMERAS, CONDITIONS, Condition, frames
 from star_tracker.solution import SolveSettings, Status
-from star_tracker.star_maps import uniform_noise
+from star_tracker.maps.simulation import uniform_noise
 from star_tracker.tracker import StarTracker
 
 NOISE, MIRROR = "noise", "mirror"

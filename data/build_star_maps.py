@@ -14,10 +14,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from star_tracker.camera import Camera
-from star_tracker.catalog import StarCatalog
+from star_tracker.optics.camera import Camera
+from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.resources import resource_path
-from star_tracker.star_maps import Pose, StarMap, write_star_map
+from star_tracker.maps.star_map import Pose, StarMap, write_star_map
 
 
 @dataclass(frozen=True)

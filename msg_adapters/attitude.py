@@ -4,8 +4,8 @@ import numpy as np
 from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
 from std_msgs.msg import Header
 
-from star_tracker.attitude import Attitude
-from star_tracker.spherical import Floats
+from star_tracker.attitude.attitude import Attitude
+from star_tracker.geometry.spherical import Floats
 
 
 def quaternion_from_attitude(attitude: Attitude, header: Header) -> QuaternionStamped:

@@ -5,8 +5,8 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
 from msg_adapters import MessageError
-from star_tracker.camera import Camera
-from star_tracker.distortion import Distortion
+from star_tracker.optics.camera import Camera
+from star_tracker.optics.distortion import Distortion
 
 #: A shorter list of coefficients is completed with zeros: drivers leave out trailing ones.
 _MODEL_LENGTH = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}

@@ -2,7 +2,7 @@
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from star_tracker.focal_length import FocalLength
+from star_tracker.calibration.focal_length import FocalLength
 
 
 def status_from_focal_length(focal_length: FocalLength, name: str) -> DiagnosticStatus:

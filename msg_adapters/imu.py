@@ -4,8 +4,8 @@ import numpy as np
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Header
 
-from star_tracker.attitude import Attitude
-from star_tracker.spherical import Floats
+from star_tracker.attitude.attitude import Attitude
+from star_tracker.geometry.spherical import Floats
 
 #: REP-145 and the message itself: the first element -1 says that a quantity is not there.
 _ABSENT = [-1.0, *[0.0] * 8]

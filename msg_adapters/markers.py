@@ -9,10 +9,10 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from star_tracker.camera import Camera
-from star_tracker.catalog import StarCatalog
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.geometry.spherical import Floats
+from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution
-from star_tracker.spherical import Floats
 
 _STAR_M, _LABEL_M, _LINE_M = 0.004, 0.01, 0.001
 _STAR = ColorRGBA(r=1.0, g=0.9, b=0.4, a=1.0)

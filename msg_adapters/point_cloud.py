@@ -9,9 +9,9 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from msg_adapters import MessageError
-from star_tracker.catalog import StarCatalog
-from star_tracker.labels import Identification
-from star_tracker.spherical import Floats
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.labels import Identification
 
 _FORMATS = {
     PointField.INT8: "i1", PointField.UINT8: "u1", PointField.INT16: "i2", PointField.UINT16: "u2",

@@ -4,7 +4,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 from msg_adapters import MessageError
-from star_tracker.labels import StarState
+from star_tracker.identification.labels import StarState
 from star_tracker.solution import Solution, Status
 
 

@@ -7,6 +7,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 _PACKAGE = "star_tracker"
+#: The folders whose sources are compiled, and those that they import.
+COMPILED_ROOMS = (
+    "attitude", "catalogue", "detection", "geometry", "identification", "optics",
+)
 
 
 def resource_path(name: str) -> Path:
@@ -55,8 +59,15 @@ def cache_folder() -> Path | None:
 
 @cache
 def sources_digest() -> str:
-    """Name all sources of this package: what is cached under it was made by exactly these."""
+    """Name the sources that compiled code and saved features are made of, in all their folders.
+
+    What is cached under this name was made by exactly these sources.
+    """
+    package = Path(__file__).resolve().parent
     digest = sha256()
-    for source in sorted(Path(__file__).resolve().parent.glob("*.py")):
+    for source in [package / "compiled.py"] + [
+        source for room in COMPILED_ROOMS for source in sorted((package / room).rglob("*.py"))
+    ]:
+        digest.update(source.relative_to(package).as_posix().encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from enum import Enum
 
-from star_tracker.attitude import Attitude
-from star_tracker.labels import Identification
-from star_tracker.match_group import MatchGroupSettings
-from star_tracker.path import LOST_IN_SPACE, MIN_STARS
-from star_tracker.radial_cyclic import RadialCyclicSettings
+from star_tracker.attitude.attitude import Attitude
+from star_tracker.identification.cells import MatchGroupSettings
+from star_tracker.identification.fallback import RadialCyclicSettings
+from star_tracker.identification.labels import Identification
+from star_tracker.identification.path import LOST_IN_SPACE, MIN_STARS
 
 #: The matchers, the primary first.
 METHODS = ("match_group", "radial_cyclic")

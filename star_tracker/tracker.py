@@ -7,15 +7,15 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import ArrayLike
 
-from star_tracker import radial_cyclic
-from star_tracker.attitude import Attitude
-from star_tracker.camera import Camera
-from star_tracker.database import FeatureDatabase
-from star_tracker.distortion import NOT_INVERTIBLE
-from star_tracker.evidence import evidence
-from star_tracker.field import StarField, Step
-from star_tracker.labels import Identification
-from star_tracker.path import (
+from star_tracker.attitude.attitude import Attitude
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.geometry.spherical import Floats
+from star_tracker.identification import fallback as radial_cyclic
+from star_tracker.identification.evidence import evidence
+from star_tracker.identification.field import StarField, Step
+from star_tracker.identification.judge import Sky, verify
+from star_tracker.identification.labels import Identification
+from star_tracker.identification.path import (
     BEGIN,
     COVARIANCE,
     GO_ON,
@@ -36,11 +36,11 @@ from star_tracker.path import (
     Search,
     follow,
 )
-from star_tracker.search import MORE, Progress, keep
+from star_tracker.identification.search import MORE, Progress, keep
+from star_tracker.identification.votes import vote_counts
+from star_tracker.optics.camera import Camera
+from star_tracker.optics.distortion import NOT_INVERTIBLE
 from star_tracker.solution import METHODS, Solution, SolveSettings, Status
-from star_tracker.spherical import Floats
-from star_tracker.verification import Sky, verify
-from star_tracker.votes import vote_counts
 
 #: Decades of evidence that end the search at once, where half of the centroids are matched (else
 #: it takes twice as many: a cluster can carry a pose whose roll is off). Weaker evidence that is

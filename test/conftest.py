@@ -55,9 +55,9 @@ def pytest_pycollect_makemodule(module_path, parent):
 @pytest.fixture(scope="session", autouse=True)
 def solver_compiled():
     """Compile the solver, or load it: the processes that tests start then find it in its cache."""
-    from star_tracker.catalog import StarCatalog
-    from star_tracker.database import FeatureDatabase
-    from star_tracker.evaluation import CAMERAS
+    from star_tracker.catalogue.catalog import StarCatalog
+    from star_tracker.catalogue.database import FeatureDatabase
+    from star_tracker.maps.simulation import CAMERAS
     from star_tracker.tracker import StarTracker
 
     StarTracker(FeatureDatabase.build(StarCatalog.paper()), CAMERAS["12 deg"])

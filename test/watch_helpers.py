@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from star_tracker.nodes.watch_model import Report, Watched
+from star_tracker.nodes.watch.model import Report, Watched
 
 #: The dtype of `identified_stars`, as its topic's fields are named; here without ROS.
 STAR_DTYPE = np.dtype([

@@ -5,7 +5,23 @@ import argparse
 import numpy as np
 from rich.table import Table
 
-from star_tracker import matched_map
+from star_tracker.calibration.error_propagation import (
+    best_triple,
+    three_star_covariance,
+    triples,
+    unknown_focal_length_covariance,
+)
+from star_tracker.calibration.three_star import (
+    Boresight,
+    boresight_linear,
+    boresight_spherical,
+    boresight_unknown_focal_length,
+    error_factor,
+    radii_px,
+    tetrahedron_volume,
+)
+from star_tracker.commands import matched_map
+from star_tracker.commands.matched_map import MatchedMap
 from star_tracker.commands.options import (
     ARCSEC_PER_RAD,
     Record,
@@ -16,23 +32,7 @@ from star_tracker.commands.options import (
     check_positive,
     print_result,
 )
-from star_tracker.error_propagation import (
-    best_triple,
-    three_star_covariance,
-    triples,
-    unknown_focal_length_covariance,
-)
-from star_tracker.matched_map import MatchedMap
-from star_tracker.spherical import Floats, separation
-from star_tracker.three_star import (
-    Boresight,
-    boresight_linear,
-    boresight_spherical,
-    boresight_unknown_focal_length,
-    error_factor,
-    radii_px,
-    tetrahedron_volume,
-)
+from star_tracker.geometry.spherical import Floats, separation
 
 #: The rows of the table: key of the record, heading, unit, format.
 _ROWS = (

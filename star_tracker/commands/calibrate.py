@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 from rich.table import Table
 
-from star_tracker import matched_map
-from star_tracker.calibration import TERMS, Calibration, calibrate
-from star_tracker.camera import Camera
+from star_tracker.calibration.error_propagation import boresight_covariance
+from star_tracker.calibration.lens import TERMS, Calibration, calibrate
+from star_tracker.commands import matched_map
+from star_tracker.commands.matched_map import MatchedMap
 from star_tracker.commands.options import (
     Record,
     add_focal_length_argument,
@@ -17,8 +18,7 @@ from star_tracker.commands.options import (
     check_positive,
     print_result,
 )
-from star_tracker.error_propagation import boresight_covariance
-from star_tracker.matched_map import MatchedMap
+from star_tracker.optics.camera import Camera
 
 _UNITS = {"focal_length_px": "px", "cx_px": "px", "cy_px": "px", "k1": "", "k2": ""}
 

@@ -6,8 +6,19 @@ from collections.abc import Callable
 import numpy as np
 from rich.table import Table
 
-from star_tracker import matched_map
-from star_tracker.attitude import covariance
+from star_tracker.attitude.attitude import covariance
+from star_tracker.attitude.wahba import wahba
+from star_tracker.calibration.error_propagation import (
+    CRITERIA,
+    Triples,
+    cramer_rao_covariance,
+    ranking,
+    triples,
+    wahba_covariance,
+)
+from star_tracker.calibration.three_star import MAX_ERROR_FACTOR, radii_px
+from star_tracker.commands import matched_map
+from star_tracker.commands.matched_map import MatchedMap
 from star_tracker.commands.options import (
     ARCSEC_PER_RAD,
     Record,
@@ -17,18 +28,7 @@ from star_tracker.commands.options import (
     check_positive,
     print_result,
 )
-from star_tracker.error_propagation import (
-    CRITERIA,
-    Triples,
-    cramer_rao_covariance,
-    ranking,
-    triples,
-    wahba_covariance,
-)
-from star_tracker.matched_map import MatchedMap
-from star_tracker.spherical import Floats
-from star_tracker.three_star import MAX_ERROR_FACTOR, radii_px
-from star_tracker.wahba import wahba
+from star_tracker.geometry.spherical import Floats
 
 _ATTITUDES: dict[str, Callable[[Floats, float], Floats]] = {
     "Wahba, exact first order": wahba_covariance,

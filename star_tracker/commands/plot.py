@@ -5,19 +5,19 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from star_tracker.camera import PARITIES, Camera
-from star_tracker.catalog import CATALOGS, StarCatalog
+from star_tracker.catalogue.catalog import CATALOGS, StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.commands.options import (
     Record,
     add_json_argument,
     check_positive,
     print_result,
 )
-from star_tracker.database import FeatureDatabase
-from star_tracker.frame_file import read_frame
+from star_tracker.geometry.spherical import Floats
+from star_tracker.maps.frame_file import read_frame
+from star_tracker.maps.star_map import paper_maps, read_star_map
+from star_tracker.optics.camera import PARITIES, Camera
 from star_tracker.solution import METHODS, SolveSettings
-from star_tracker.spherical import Floats
-from star_tracker.star_maps import paper_maps, read_star_map
 from star_tracker.tracker import StarTracker
 
 #: A picture can wait longer for its frame than a spacecraft.

@@ -43,7 +43,9 @@ def execute(options: argparse.Namespace) -> None:
 def _watch(options: argparse.Namespace) -> None:
     try:
         # Here, as all other commands work without ROS.
-        from star_tracker.nodes import watch, watch_outputs, watch_record  # noqa: PLC0415
+        from star_tracker.nodes.watch import node as watch  # noqa: PLC0415
+        from star_tracker.nodes.watch import outputs as watch_outputs  # noqa: PLC0415
+        from star_tracker.nodes.watch import record as watch_record  # noqa: PLC0415
     except ImportError as error:
         raise ValueError(
             f"this command needs ROS 2, which cannot be imported ({error}): source ROS 2 Jazzy, "

@@ -8,8 +8,8 @@ from star_tracker.figures.field_symbols import Symbols
 from star_tracker.figures.field_view import FieldView
 from star_tracker.figures.placement import place_labels
 from star_tracker.figures.style import HALO, Looks, text_box
-from star_tracker.labels import StarState
-from star_tracker.spherical import Floats
+from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.labels import StarState
 
 #: What the labels of stars are called among the artists of a figure.
 STAR_LABEL = "star label"

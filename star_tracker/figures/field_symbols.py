@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from star_tracker.figures.field_view import FieldView
 from star_tracker.figures.style import BLUE, VERMILION, Looks
-from star_tracker.labels import StarState
-from star_tracker.spherical import Floats
+from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.labels import StarState
 
 #: How a symbol is drawn: arguments of `Axes.plot`, sizes in points.
 GUIDE: Looks = {

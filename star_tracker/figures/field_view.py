@@ -6,12 +6,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.camera import Camera
-from star_tracker.catalog import StarCatalog
-from star_tracker.labels import StarState
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.labels import StarState
+from star_tracker.maps.simulation import visible_stars
+from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution
-from star_tracker.spherical import Floats
-from star_tracker.star_maps import visible_stars
 
 #: How far outside of the image a centroid is drawn, in its longer sides: as far as the tracker
 #: makes use of one.

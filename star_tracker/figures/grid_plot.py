@@ -5,11 +5,11 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.axes import Axes
 
-from star_tracker.camera import Camera
 from star_tracker.figures.placement import overlap_area
 from star_tracker.figures.sky_grid import GridLine, grid_lines
 from star_tracker.figures.style import text_box
-from star_tracker.spherical import Floats
+from star_tracker.geometry.spherical import Floats
+from star_tracker.optics.camera import Camera
 
 _COLOR = "0.72"
 _LABEL_PT = 7.0

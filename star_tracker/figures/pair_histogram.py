@@ -3,10 +3,10 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from star_tracker.database import DEFAULT_MAX_SEPARATION_DEG
+from star_tracker.catalogue.database import DEFAULT_MAX_SEPARATION_DEG
+from star_tracker.catalogue.pairs import PairTable
 from star_tracker.figures.style import BLUE, new_figure
-from star_tracker.pairs import PairTable
-from star_tracker.spherical import Floats
+from star_tracker.geometry.spherical import Floats
 
 #: As the paper has it.
 BIN_DEG = 0.01

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.spherical import Floats
+from star_tracker.geometry.spherical import Floats
 
 #: Directions in which a label may lie from its point, the preferred ones first, and how far
 #: beyond the nearest possible place, in multiples of a label's height.

@@ -19,8 +19,8 @@ from star_tracker.figures.field_symbols import (
 )
 from star_tracker.figures.field_view import FieldView
 from star_tracker.figures.style import VERMILION, Looks
-from star_tracker.labels import StarState
-from star_tracker.spherical import Floats, tangent_basis
+from star_tracker.geometry.spherical import Floats, tangent_basis
+from star_tracker.identification.labels import StarState
 
 #: Inches: size of the panel, where its drawings lie, length of the arrows north and east.
 _WIDTH, _HEIGHT = 1.55, 1.75

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from star_tracker.camera import Camera
-from star_tracker.spherical import Floats, ra_dec, unit_vectors
+from star_tracker.geometry.spherical import Floats, ra_dec, unit_vectors
+from star_tracker.optics.camera import Camera
 
 #: Steps between lines, degrees, and how many lines a field should have about.
 _STEPS_DEG = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0)

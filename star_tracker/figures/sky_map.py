@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from star_tracker.figures.sky_grid import degrees_text
 from star_tracker.figures.sky_survey import Survey
 from star_tracker.figures.style import HALO, SEQUENTIAL, new_figure
-from star_tracker.spherical import Floats, ra_dec, tangent_basis, unit_vectors
+from star_tracker.geometry.spherical import Floats, ra_dec, tangent_basis, unit_vectors
 
 #: North galactic pole, ICRS (ESA SP-1200, volume 1, 1.5.3).
 _GALACTIC_POLE_DEG = (192.85948, 27.12825)

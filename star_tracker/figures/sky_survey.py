@@ -5,12 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.attitude import rotation_from_boresight
-from star_tracker.evaluation import Condition, boresight_error_deg
-from star_tracker.path import MIN_STARS
-from star_tracker.solution import Status
-from star_tracker.spherical import Floats, ra_dec
-from star_tracker.star_maps import synthetic_field, visible_stars
+from star_tracker.attitude.attitude import rotation_from_boresight
+from star_tracker.geometry.spherical import Floats, ra_dec
+from star_tracker.identification.path import MIN_STARS
+from star_tracker.maps.simulation import (
+    Condition,
+    boresight_angle_deg,
+    synthetic_field,
+    visible_stars,
+)
 from star_tracker.tracker import StarTracker
 
 _GOLDEN_ANGLE_RAD = float(np.pi * (3 - np.sqrt(5)))
@@ -76,8 +79,9 @@ def survey(
             )
             possible[at] += np.sum(frame.catalog_index >= 0) >= MIN_STARS
             solution = tracker.solve(frame.xy_px)
-            if solution.status is Status.SOLVED:
-                is_right = boresight_error_deg(solution, frame) <= limit_deg
+            if solution.attitude is not None:
+                error_deg = boresight_angle_deg(solution.attitude.rotation, rotation)
+                is_right = error_deg <= limit_deg
                 right[at] += is_right
                 wrong[at] += not is_right
     return Survey(boresights, n_frames, guide_stars, possible, right, wrong)

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from star_tracker.spherical import Floats
+from star_tracker.geometry.spherical import Floats
 
 #: Of Okabe and Ito's palette, which colour-blind eyes can tell apart (jfly.uni-koeln.de/color).
 BLUE, VERMILION = "#0072B2", "#D55E00"

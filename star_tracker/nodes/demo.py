@@ -30,13 +30,13 @@ from msg_adapters.attitude import array_from_boresight
 from msg_adapters.point_cloud import stars_from_cloud
 from msg_adapters.solution import values_from_diagnostics
 from msg_adapters.stamp import nanoseconds_from_header
-from star_tracker.camera import Camera
-from star_tracker.catalog import StarCatalog
-from star_tracker.database import FeatureDatabase
-from star_tracker.labels import StarState
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.geometry.spherical import Floats, separation, unit_vectors
+from star_tracker.identification.labels import StarState
+from star_tracker.maps.star_map import StarMap, paper_maps
+from star_tracker.optics.camera import Camera
 from star_tracker.resources import resource_path
-from star_tracker.spherical import Floats, separation, unit_vectors
-from star_tracker.star_maps import StarMap, paper_maps
 from star_tracker.tracker import StarTracker
 
 _TIMEOUT_S = 60.0

@@ -15,24 +15,24 @@ from std_srvs.srv import Trigger
 from msg_adapters import MessageError
 from msg_adapters.health import status_from_health
 from msg_adapters.point_cloud import centroids_from_cloud
-from star_tracker.camera import Camera
-from star_tracker.database import FeatureDatabase
-from star_tracker.hints import hint, wants_hint
-from star_tracker.labels import Identification, StarState
-from star_tracker.nodes.configuration import Configuration
-from star_tracker.nodes.focal_length_watch import FocalLengthWatch
-from star_tracker.nodes.health import FrameRecord, Health, input_age_s
-from star_tracker.nodes.health_report import HealthReport
-from star_tracker.nodes.intake import Frame, Intake
-from star_tracker.nodes.outputs import Outputs
-from star_tracker.nodes.pace import Pace
+from star_tracker.attitude.prediction import Predictor
+from star_tracker.calibration.hints import hint, wants_hint
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.labels import Identification, StarState
+from star_tracker.nodes.identify.configuration import Configuration
+from star_tracker.nodes.identify.focal_length_watch import FocalLengthWatch
+from star_tracker.nodes.identify.health import FrameRecord, Health, input_age_s
+from star_tracker.nodes.identify.health_report import HealthReport
+from star_tracker.nodes.identify.intake import Frame, Intake
+from star_tracker.nodes.identify.outputs import Outputs
+from star_tracker.nodes.identify.pace import Pace
+from star_tracker.nodes.identify.runtime_parameters import RuntimeParameters
 from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS, ParameterError, declare
 from star_tracker.nodes.running import run
-from star_tracker.nodes.runtime_parameters import RuntimeParameters
-from star_tracker.prediction import Predictor
+from star_tracker.optics.camera import Camera
 from star_tracker.resources import package_version
 from star_tracker.solution import Solution, Status
-from star_tracker.spherical import Floats
 from star_tracker.tracker import StarTracker
 
 #: Shortest time between two frames that are tried for a hint, s, and longest time for one, ms.

@@ -16,9 +16,9 @@ from std_msgs.msg import Header
 
 from msg_adapters.camera_info import info_from_camera
 from msg_adapters.point_cloud import Centroids, cloud_from_centroids
+from star_tracker.maps.star_map import StarMap, paper_maps
 from star_tracker.nodes.parameters import REPLAY_PARAMETERS, ParameterError, declare
 from star_tracker.nodes.running import run
-from star_tracker.star_maps import StarMap, paper_maps
 
 #: How long the last frames may take to be acknowledged before the node says that some were not.
 _ACKNOWLEDGE_S = 10.0

@@ -14,15 +14,16 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from star_tracker.camera import Camera
-from star_tracker.catalog import StarCatalog
-from star_tracker.database import FeatureDatabase
-from star_tracker.evaluation import boresight_error_deg, score_map, timed_solve
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.maps.simulation import random_rotation, synthetic_field
+from star_tracker.maps.star_map import paper_maps
+from star_tracker.optics.camera import Camera
 from star_tracker.resources import resource_path, sources_digest
 from star_tracker.solution import Status
-from star_tracker.star_maps import paper_maps, random_rotation, synthetic_field
 from star_tracker.study.configuration import Study
 from star_tracker.study.contestants import Contestant
+from star_tracker.study.scoring import boresight_error_deg, score_map, timed_solve
 from star_tracker.study.troubles import COMBINED, Trouble
 from star_tracker.tracker import StarTracker
 

@@ -7,9 +7,9 @@ from typing import TypeVar
 
 import yaml
 
-from star_tracker.camera import Camera
-from star_tracker.evaluation import CAMERAS
-from star_tracker.star_maps import PAPER_MAPS
+from star_tracker.maps.simulation import CAMERAS
+from star_tracker.maps.star_map import PAPER_MAPS
+from star_tracker.optics.camera import Camera
 from star_tracker.study.contestants import Contestant
 from star_tracker.study.troubles import (
     COMBINED,

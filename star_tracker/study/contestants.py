@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
-from star_tracker.database import FeatureDatabase
-from star_tracker.match_group import MatchGroupSettings
-from star_tracker.radial_cyclic import RadialCyclicSettings
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.identification.cells import MatchGroupSettings
+from star_tracker.identification.fallback import RadialCyclicSettings
 from star_tracker.solution import METHODS, SolveSettings
 
 FORMS = ("own", "paper")

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import scipy
 
-from star_tracker.evaluation import CORRECT_DEG
+from star_tracker.maps.simulation import CORRECT_DEG
 from star_tracker.resources import resource_path
 from star_tracker.study.chunks import database, version
 from star_tracker.study.configuration import Study

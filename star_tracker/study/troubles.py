@@ -6,11 +6,10 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from star_tracker.camera import PARITIES, Camera
-from star_tracker.catalog import StarCatalog
-from star_tracker.evaluation import CONDITIONS, Condition, frames
-from star_tracker.spherical import Floats
-from star_tracker.star_maps import SyntheticField
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.geometry.spherical import Floats
+from star_tracker.maps.simulation import CONDITIONS, Condition, SyntheticField, frames
+from star_tracker.optics.camera import PARITIES, Camera
 
 Value = float | str
 

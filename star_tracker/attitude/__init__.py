@@ -1,0 +1,1 @@
+"""Wahba's problem, the attitude with its covariance, and its prediction."""

@@ -1,0 +1,1 @@
+"""What a frame tells about the camera: three stars, error propagation, lens, focal length."""

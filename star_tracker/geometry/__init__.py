@@ -1,0 +1,1 @@
+"""Directions on the sphere, rotations and quaternions: each formula once."""

@@ -1,0 +1,1 @@
+"""Which star is which: votes, candidates, evidence, the judge and the labels."""

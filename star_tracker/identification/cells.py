@@ -1,0 +1,191 @@
+"""Matcher 1: match-group voting with direction (paper, 5.2; van Bezooijen 1994).
+
+For a main star each observed pair (main, companion) selects the guide-star pairs of the same
+separation within a tolerance (5-5). In the paper each of them raises a state flag on its stars
+and the highest flag wins. Here a pair votes for a guide star *and* a roll, the difference of the
+companion's position angles in the catalogue and in the image, so that votes by chance are spread
+over 64 times as many cells and one main star is usually enough (`votes.py`). A triangle check
+(5-6) then keeps the members of a winning cell that also agree with each other. `voting="plain"`
+keeps the paper's state flags for comparison.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from star_tracker.catalogue.pairs import AZIMUTH_UNITS, PairTable, first_near
+from star_tracker.compiled import compiled
+from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.field import Frame
+from star_tracker.identification.votes import ROLL_BINS, ROLL_BITS, ROLL_SHIFT, Votes, count_of
+
+#: Most members of a cell that are looked at.
+MEMBERS = 64
+VOTINGS = ("directed", "plain")
+MOST_COMPANIONS = 40
+
+
+@dataclass(frozen=True)
+class MatchGroupSettings:
+    """How far the search goes.
+
+    Attributes:
+        pair_tolerance_px: tolerances of a pair's separation, tried in turn.
+        companions: how many of the nearest stars vote for a main star.
+        cells: how many of the highest cells of a main star become candidates, at the most.
+        quick: whether a short search, enough for most frames, comes before the full one.
+        voting: `directed`, or `plain` for the paper's state flags.
+    """
+
+    pair_tolerance_px: tuple[float, ...] = (2.0, 6.0, 12.0)
+    companions: int = 20
+    cells: int = 48
+    quick: bool = True
+    voting: str = "directed"
+
+    def __post_init__(self) -> None:
+        tolerances = self.pair_tolerance_px
+        if not tolerances or not all(0.01 <= t <= 100 for t in tolerances):
+            raise ValueError("pair_tolerance_px needs one or more values from 0.01 to 100")
+        if not 1 <= self.companions <= MOST_COMPANIONS or self.cells < 1:
+            raise ValueError(
+                f"companions must be from 1 to {MOST_COMPANIONS} and cells at least 1"
+            )
+        if self.voting not in VOTINGS:
+            raise ValueError(f"voting {self.voting!r} is unknown: use {' or '.join(VOTINGS)}")
+
+    @property
+    def levels(self) -> Floats:
+        """The search as an array (levels, 4): tolerance in px, companions, main stars, batch.
+
+        The companions of a batch vote before their best cells are judged. The short search was
+        chosen for the median time over noise, missing and false stars (benchmark/RESULTS.md).
+        """
+        first, second = self.pair_tolerance_px[0], self.pair_tolerance_px[:2][-1]
+        quick = [(first, 6, 2, 3), (first, 16, 5, 16), (second, 12, 3, 12)]
+        full = [(t, self.companions, np.inf, self.companions) for t in self.pair_tolerance_px]
+        return np.array(quick * self.quick + full)
+
+
+@compiled
+def best_cells(
+    votes: Votes, begin: int, end: int, cells: NDArray[np.int64], scores: NDArray[np.int64]
+) -> int:
+    """Write the highest of the cells begin to end of `reached`; return how many were written.
+
+    The highest comes first; `cells` and `scores` have room for as many as are wanted.
+
+    A vote counts in two cells: of adjacent ones only the higher is taken.
+    """
+    n, most = 0, len(cells)
+    for i in range(begin, end):
+        cell = votes.reached[i]
+        score, star, roll = count_of(votes, cell), cell >> ROLL_BITS, cell & (ROLL_BINS - 1)
+        beaten, j = False, 0
+        while j < n and not beaten:
+            apart = (roll - cells[j]) & (ROLL_BINS - 1)
+            adjacent = apart == 1 or apart == ROLL_BINS - 1
+            if cells[j] >> ROLL_BITS != star or not adjacent:
+                j += 1
+            elif score <= scores[j]:
+                beaten = True
+            else:  # the adjacent one goes
+                n -= 1
+                for m in range(j, n):
+                    cells[m], scores[m] = cells[m + 1], scores[m + 1]
+        at = n
+        while at > 0 and scores[at - 1] < score:
+            at -= 1
+        if beaten or at == most:
+            continue
+        n = min(n + 1, most)
+        for m in range(n - 1, at, -1):
+            cells[m], scores[m] = cells[m - 1], scores[m - 1]
+        cells[at], scores[at] = cell, score
+    return n
+
+
+@compiled
+def members(
+    pairs: PairTable,
+    votes: Votes,
+    n_companions: int,
+    cell: int,
+    tolerance_rad: float,
+    plain: bool,
+    observed: NDArray[np.int64],
+    catalog: NDArray[np.int64],
+) -> int:
+    """Write the matches that voted for a cell, at most 64; return their number."""
+    star, roll = cell >> ROLL_BITS, cell & (ROLL_BINS - 1)
+    n = 0
+    for i in range(n_companions):
+        row = first_near(pairs, star, votes.separation[i] - tolerance_rad)
+        farthest = np.float32(votes.separation[i] + tolerance_rad)
+        while row < pairs.near_start[star + 1] and pairs.near_separation_rad[row] < farthest:
+            turned = (pairs.near_azimuth[row] - votes.azimuth[i]) & (AZIMUTH_UNITS - 1)
+            before = (roll - (turned >> ROLL_SHIFT)) & (ROLL_BINS - 1)
+            if (plain or before <= 1) and n < MEMBERS:
+                observed[n], catalog[n] = votes.companion[i], pairs.near_companion[row]
+                n += 1
+            row += 1
+    return n
+
+
+@compiled
+def triangle_check(
+    frame: Frame,
+    vectors: Floats,
+    observed: NDArray[np.int64],
+    catalog: NDArray[np.int64],
+    n: int,
+    tolerance_rad: float,
+) -> int:
+    """Keep the members whose mutual separations agree with the best member's; return how many.
+
+    Two members close a triangle with the main star when their separation in the image and in the
+    catalogue agree too (5-6). The member with the most partners is kept with those partners; 0 is
+    returned where no two agree. A star that is a member twice over does not agree with itself,
+    as its separation is 0 on one side only.
+    """
+    hub, most = 0, 0
+    for i in range(n):
+        partners = 0
+        for j in range(n):
+            partners += i != j and _agree(frame, vectors, observed, catalog, i, j, tolerance_rad)
+        if partners > most:
+            hub, most = i, partners
+    if most == 0:
+        return 0
+    k = 0
+    hub_observed, hub_catalog = observed[hub], catalog[hub]
+    for i in range(n):
+        chord = _chord(frame.vectors, hub_observed, observed[i])
+        agrees = abs(chord - _chord(vectors, hub_catalog, catalog[i])) <= tolerance_rad
+        if i == hub or agrees:
+            observed[k], catalog[k] = observed[i], catalog[i]
+            k += 1
+    return k
+
+
+@compiled
+def _agree(
+    frame: Frame,
+    vectors: Floats,
+    observed: NDArray[np.int64],
+    catalog: NDArray[np.int64],
+    i: int,
+    j: int,
+    tolerance_rad: float,
+) -> bool:
+    in_image = _chord(frame.vectors, observed[i], observed[j])
+    return abs(in_image - _chord(vectors, catalog[i], catalog[j])) <= tolerance_rad
+
+
+@compiled
+def _chord(vectors: Floats, i: int, j: int) -> float:
+    """Return the chord between two unit vectors: for stars of one field as good as the angle."""
+    a, b = vectors[i], vectors[j]
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return np.sqrt(x * x + y * y + z * z)

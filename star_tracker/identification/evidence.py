@@ -1,0 +1,182 @@
+"""How strong is a pose? The Bayes factor of "these stars are matched" against "nothing is".
+
+A frame of n centroids is either unrelated to the catalogue, each centroid anywhere in the image of
+area A, or it shows, at a pose R, k of the m guide stars that are in the image, the other n - k
+centroids being false. With k of n and k of m drawn at random, all values of k equally likely, and
+matched centroids normally distributed about their predicted places with standard deviation sigma::
+
+    B(R, sigma) = (n - k)! / n!  *  k! (m - k)! / m!  /  (min(n, m) + 1)
+                  *  (A / (2 pi sigma^2))^k  exp(-S / (2 sigma^2)),
+
+S being the sum of squared residuals. Two things are not known and integrated out. The pose, which
+is uniformly distributed over all rotations (volume 8 pi^2): about the best fit this gives
+(2 pi)^1.5 (sigma / f)^3 det(M)^-0.5 / (8 pi^2) with M = sum(I - b b^T). And sigma^2, which has
+a scaled inverse chi-square distribution of nu degrees of freedom about a typical sigma_0^2 (Gelman
+et al. 2013, 2.6): wide (nu = 1) where the noise is not known, narrow where it is.
+
+Averaged over unrelated frames B is at most 1, so that by Markov's inequality at most one unrelated
+frame in x reaches B > x anywhere on the sky: searching more of it need not be charged. Hence
+-log10 B is reported as the log10 of expected false alarms. See Shuster and Oh (1981) for M, and
+Lang et al. (2010) for a likelihood ratio in the service of astrometry.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from star_tracker.compiled import compiled
+from star_tracker.geometry.spherical import Floats
+
+#: Centroid noise where none is given: a typical value, px, and how sure that is.
+_TYPICAL_SIGMA_PX = 0.7
+_UNKNOWN_FREEDOM = 1.0
+#: How sure a given noise is: that of 10 stars' residuals, 15 % of sigma.
+_KNOWN_FREEDOM = 20.0
+#: Brightness as evidence: scatter of a star's measured about its catalogue magnitude (colour
+#: included), share of stars for which that does not hold, range of the unknown zero point, and
+#: share of frames whose intensities mean anything.
+_MAGNITUDE_SIGMA, _MAGNITUDE_OUTLIERS = 0.3, 0.1
+_ZERO_POINT_RANGE, _MEANINGFUL = 3.0, 0.5
+#: No field of stars scatters more than this, magnitudes (the catalogue to V = 8: 1.0). Intensities
+#: that do mean nothing: most of them alike and one of 1e12 made wrong poses look certain.
+_WIDEST_SCATTER = 2.0
+#: Squared standardised magnitude beyond which one is not more unusual: exp() must not overflow.
+_MOST_DEVIANT = 50.0
+
+
+class Evidence(NamedTuple):
+    """What does not change from frame to frame.
+
+    Attributes:
+        log_factorial: (most + 1,) natural logarithms of 0!, 1!, ...
+        freedom: nu, how sure the noise is.
+        scale_px2: nu sigma_0^2.
+    """
+
+    log_factorial: Floats
+    freedom: float
+    scale_px2: float
+
+
+def evidence(most: int, centroid_sigma_px: float) -> Evidence:
+    """Prepare for up to `most` centroids and guide stars; a noise of 0 px stands for unknown."""
+    known = centroid_sigma_px > 0
+    sigma = centroid_sigma_px if known else _TYPICAL_SIGMA_PX
+    freedom = _KNOWN_FREEDOM if known else _UNKNOWN_FREEDOM
+    return Evidence(gammaln(np.arange(most + 1) + 1.0), freedom, freedom * sigma**2)
+
+
+@compiled
+def strongest(
+    e: Evidence,
+    vectors: Floats,
+    observed: NDArray[np.int64],
+    residual2: Floats,
+    n_matched: int,
+    n_predicted: int,
+    optics: Floats,
+) -> tuple[int, float]:
+    """Return how many of the best matches carry most evidence (3 or more), and its log10.
+
+    Args:
+        e: factorials and the noise.
+        vectors: (n, 3) unit vectors of all centroids of the frame.
+        observed: indices of the matched ones, in ascending order of
+        residual2: squared residuals, px^2.
+        n_matched: how many there are, 3 or more.
+        n_predicted: m, how many guide stars are in the image.
+        optics: the camera.
+    """
+    n, m = len(vectors), max(n_predicted, n_matched)
+    focal_px = np.sqrt(optics[2] * optics[3])
+    constant = (
+        -np.log(min(n, m) + 1.0)
+        - e.log_factorial[n] - e.log_factorial[m]
+        + 1.5 * np.log(2 * np.pi) - np.log(8 * np.pi**2) - 3 * np.log(focal_px)
+        - math.lgamma(0.5 * e.freedom) + 0.5 * e.freedom * np.log(0.5 * e.scale_px2)
+    )
+    per_star = np.log(optics[0] * optics[1] / (2 * np.pi))
+    xx = xy = xz = yy = yz = zz = s = 0.0
+    half = 0.5 * (e.freedom + 3)
+    log_gamma = math.lgamma(half)
+    best, most = -np.inf, 0
+    for i in range(n_matched):
+        b = vectors[observed[i]]
+        xx += 1 - b[0] * b[0]
+        yy += 1 - b[1] * b[1]
+        zz += 1 - b[2] * b[2]
+        xy -= b[0] * b[1]
+        xz -= b[0] * b[2]
+        yz -= b[1] * b[2]
+        s += residual2[i]
+        k = i + 1
+        if k < 3:
+            continue
+        determinant = (
+            xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+        )
+        value = (
+            constant + k * per_star
+            + e.log_factorial[n - k] + e.log_factorial[k] + e.log_factorial[m - k]
+            - 0.5 * np.log(max(determinant, 1e-300))
+            + log_gamma - half * np.log(0.5 * (s + e.scale_px2))
+        )
+        if value > best:
+            best, most = value, k
+        log_gamma += np.log(half)
+        half += 1.0
+    return most, best / np.log(10.0)
+
+
+@compiled
+def brightness(
+    magnitude: Floats,
+    v_mag: Floats,
+    observed: NDArray[np.int64],
+    catalog: NDArray[np.int64],
+    k: int,
+) -> float:
+    """Return log10 of the evidence that brightness adds to the first `k` matches.
+
+    If the matches are true, instrumental magnitudes differ from the catalogue's by one zero point
+    and some scatter; if not, they are any of the frame's. Never less than -0.3: the intensities
+    may mean nothing, which then cost half of a pose's evidence and no more.
+    """
+    difference = np.empty(k)
+    n = 0
+    for i in range(k):
+        value = magnitude[observed[i]] - v_mag[catalog[i]]
+        if np.isfinite(value):
+            difference[n] = value
+            n += 1
+    if n < 3:
+        return 0.0
+    zero_point = np.median(difference[:n])
+    mean = spread = 0.0
+    known = 0
+    for value in magnitude:
+        if np.isfinite(value):
+            mean += value
+            spread += value * value
+            known += 1
+    mean /= known
+    variance = max(spread / known - mean * mean, _MAGNITUDE_SIGMA**2)
+    if variance > _WIDEST_SCATTER**2:
+        return np.log10(1 - _MEANINGFUL)
+    total = np.log(_MAGNITUDE_SIGMA * np.sqrt(2 * np.pi / n) / _ZERO_POINT_RANGE)
+    for i in range(k):
+        off = magnitude[observed[i]] - v_mag[catalog[i]] - zero_point
+        if np.isfinite(off):
+            any_star = min((magnitude[observed[i]] - mean) ** 2 / variance, _MOST_DEVIANT)
+            ratio = np.sqrt(variance) / _MAGNITUDE_SIGMA * np.exp(
+                0.5 * (any_star - (off / _MAGNITUDE_SIGMA) ** 2)
+            )
+            total += np.log((1 - _MAGNITUDE_OUTLIERS) * ratio + _MAGNITUDE_OUTLIERS)
+    # log(share e^total + 1 - share) without overflow.
+    high = max(total, 0.0)
+    return (
+        high + np.log(_MEANINGFUL * np.exp(total - high) + (1 - _MEANINGFUL) * np.exp(-high))
+    ) / np.log(10.0)

@@ -1,0 +1,1 @@
+"""The camera: pixels, lens distortion, and a frame's centroids as directions."""

@@ -1,0 +1,263 @@
+"""The pinhole camera: pixels <-> unit vectors of the optical frame. The only home of parity.
+
+The optical frame is that of REP-103: x right, y down, z along the boresight. A pixel (x, y) is
+the direction ((x - cx) / fx, (y - cy) / fy, 1) for parity `normal`; for `mirrored`, y is negated
+(pixel coordinates whose y axis points up, or an image seen in a mirror). `auto` says that the
+parity is not known: `definite()` then gives one camera for each possibility.
+
+By default the principal point is (width / 2, height / 2), so the origin of pixel coordinates is
+the outer corner of the first pixel and that pixel's centre is (0.5, 0.5). A detector that calls
+the first pixel's centre (0, 0), as OpenCV and CameraInfo do, needs cx = (width - 1) / 2 or the
+calibrated value.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from star_tracker.compiled import compiled, inlined
+from star_tracker.geometry.spherical import Floats
+from star_tracker.optics.distortion import (
+    LENS_AT,
+    NOT_INVERTIBLE,
+    OPTICS_SIZE,
+    Distortion,
+    distort,
+    undistort,
+)
+
+PARITIES = ("normal", "mirrored", "auto")
+#: Fields of view outside of this range are refused: no star pair fits, or no pinhole does.
+FOV_RANGE_DEG = (0.5, 120.0)
+#: Sizes and places beyond, and pixels so many times longer than wide, are no camera's.
+_LARGEST_PX, _MOST_OBLONG = 1e6, 10.0
+
+
+def vectors_of_plane(points: Floats) -> Floats:
+    """Return unit vectors (n, 3) for normalised coordinates X/Z, Y/Z (n, 2)."""
+    vectors = np.column_stack([points, np.ones(len(points))])
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera's intrinsics, in pixels. Raises ValueError for values no camera can have."""
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    parity: str = "normal"
+    distortion: Distortion | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        if self.parity not in PARITIES:
+            raise ValueError(f"parity {self.parity!r} is unknown: use {', '.join(PARITIES)}")
+        if not (0 < self.width_px < _LARGEST_PX and 0 < self.height_px < _LARGEST_PX):
+            raise ValueError(
+                f"image size {self.width_px} x {self.height_px} px is impossible: "
+                "give the width and height of the image"
+            )
+        for name in ("fx_px", "fy_px", "cx_px", "cy_px"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f"camera {name} is not a finite number")
+        if self.fx_px <= 0 or self.fy_px <= 0:
+            raise ValueError("the focal length must be greater than 0 px")
+        low, high = FOV_RANGE_DEG
+        # Rounded, since the focal length came from the field of view and back again.
+        if not low <= round(self.fov_deg, 9) <= high:
+            raise ValueError(
+                f"field of view {self.fov_deg:.4g} deg is outside of {low:g} to {high:g} deg: "
+                "check the focal length and the width of the image"
+            )
+        if not 1 / _MOST_OBLONG <= self.fy_px / self.fx_px <= _MOST_OBLONG:
+            raise ValueError(
+                f"fx {self.fx_px:g} px and fy {self.fy_px:g} px belong to no image sensor"
+            )
+        if max(abs(self.cx_px), abs(self.cy_px)) >= _LARGEST_PX:
+            raise ValueError(
+                f"principal point ({self.cx_px:g}, {self.cy_px:g}) px is impossible: "
+                "it lies near the middle of the image"
+            )
+
+    @classmethod
+    def from_fov(
+        cls,
+        fov_deg: float,
+        width_px: int,
+        height_px: int,
+        *,
+        cx_px: float | None = None,
+        cy_px: float | None = None,
+        parity: str = "normal",
+    ) -> "Camera":
+        """Return a camera without distortion from the field of view across its width (4-16)."""
+        low, high = FOV_RANGE_DEG
+        if not low <= fov_deg <= high:  # also refuses NaN
+            raise ValueError(
+                f"fov_deg {fov_deg:g} is outside of {low:g} to {high:g}: "
+                "give the full angle across the width of the image in degrees"
+            )
+        focal = width_px / 2 / math.tan(math.radians(fov_deg) / 2)
+        cx = width_px / 2 if cx_px is None else cx_px
+        cy = height_px / 2 if cy_px is None else cy_px
+        return cls(width_px, height_px, focal, focal, cx, cy, parity)
+
+    @property
+    def fov_deg(self) -> float:
+        """Full angle across the width of the image, degrees."""
+        return math.degrees(2 * math.atan(self.width_px / 2 / self.fx_px))
+
+    @property
+    def focal_length_px(self) -> float:
+        """Mean focal length: the scale by which small angles (rad) become pixels."""
+        return math.sqrt(self.fx_px * self.fy_px)
+
+    @property
+    def area_px2(self) -> float:
+        """Area of the image."""
+        return float(self.width_px) * self.height_px
+
+    def with_parity(self, parity: str) -> "Camera":
+        """Return the same camera with another parity."""
+        return replace(self, parity=parity)
+
+    def definite(self) -> tuple["Camera", ...]:
+        """Return this camera, or for parity `auto` one camera for each possible parity."""
+        if self.parity != "auto":
+            return (self,)
+        return self.with_parity("normal"), self.with_parity("mirrored")
+
+    @cached_property
+    def radius_rad(self) -> float:
+        """Largest angle between the boresight and a point of the image's border."""
+        along = np.linspace(0.0, 1.0, 9)
+        w, h = float(self.width_px), float(self.height_px)
+        border = np.concatenate([
+            np.column_stack([along * w, 0 * along]), np.column_stack([along * w, 0 * along + h]),
+            np.column_stack([0 * along, along * h]), np.column_stack([0 * along + w, along * h]),
+        ])
+        vectors = self.definite()[0].vectors(border)
+        return float(np.max(np.arctan2(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])))
+
+    @cached_property
+    def optics(self) -> Floats:
+        """The camera as an array (17,) for compiled code; only of definite parity."""
+        optics = np.zeros(OPTICS_SIZE) if self.distortion is None else self.distortion.lens.copy()
+        optics[:LENS_AT] = (
+            self.width_px, self.height_px, self.fx_px, self.fy_px, self.cx_px, self.cy_px,
+            self._y_sign(), self.distortion is not None,
+        )
+        return optics
+
+    def plane(self, xy_px: ArrayLike) -> Floats:
+        """Return normalised coordinates X/Z, Y/Z (n, 2) of the optical frame for pixels (n, 2)."""
+        points, every = _plane_of_pixels(
+            self.optics, np.ascontiguousarray(xy_px, float).reshape(-1, 2)
+        )
+        if not every:
+            raise ValueError(NOT_INVERTIBLE)
+        return np.asarray(points)
+
+    def pixels_of_plane(self, points: Floats) -> Floats:
+        """Return pixels (n, 2) for normalised coordinates (n, 2): the inverse of `plane`."""
+        return np.asarray(_pixels_of_plane(self.optics, np.ascontiguousarray(points)))
+
+    def vectors(self, xy_px: ArrayLike) -> Floats:
+        """Return unit vectors (n, 3) in the optical frame for pixels (n, 2)."""
+        return vectors_of_plane(self.plane(xy_px))
+
+    def pixels(self, vectors: ArrayLike) -> Floats:
+        """Return pixels (n, 2) for vectors (n, 3) of the optical frame.
+
+        Raises ValueError for a vector that is not in front of the camera (z <= 0).
+        """
+        v = np.asarray(vectors, float).reshape(-1, 3)
+        if np.any(v[:, 2] <= 0):
+            raise ValueError("a direction behind the camera has no pixel: drop those with z <= 0")
+        return self.pixels_of_plane(v[:, :2] / v[:, 2:])
+
+    def contains(self, xy_px: Floats, margin_px: float = 0.0) -> np.ndarray:
+        """Return which pixels (n, 2) lie in the image, widened by a margin; NaN does not."""
+        x, y = xy_px[:, 0], xy_px[:, 1]
+        inside = (x >= -margin_px) & (x <= self.width_px + margin_px)
+        return inside & (y >= -margin_px) & (y <= self.height_px + margin_px)
+
+    def _y_sign(self) -> float:
+        if self.parity == "auto":
+            raise ValueError(
+                "parity auto has no pixels of its own: use one of the cameras of definite()"
+            )
+        return -1.0 if self.parity == "mirrored" else 1.0
+
+
+@inlined
+def plane_of_pixel(optics: Floats, x_px: float, y_px: float) -> tuple[float, float, bool]:
+    """Return the normalised coordinates of a pixel, and whether the lens has a ray for it."""
+    x, y = (x_px - optics[4]) / optics[2], (y_px - optics[5]) / optics[3]
+    exists = True
+    if optics[7] != 0.0:
+        x, y, exists = undistort(optics, x, y)
+    return x, y * optics[6], exists
+
+
+@compiled
+def pixel_of_plane(optics: Floats, x: float, y: float) -> tuple[float, float]:
+    """Return the pixel of normalised coordinates: the inverse of `plane_of_pixel`."""
+    y = y * optics[6]
+    if optics[7] != 0.0:
+        x, y = distort(optics, x, y)
+    return x * optics[2] + optics[4], y * optics[3] + optics[5]
+
+
+@inlined
+def in_image(optics: Floats, x_px: float, y_px: float, margin_px: float) -> bool:
+    """Return whether a pixel lies in the image, widened by a margin; NaN does not."""
+    # Without branches: they would cost more than the comparisons.
+    return (
+        (x_px >= -margin_px) & (x_px <= optics[0] + margin_px)
+        & (y_px >= -margin_px) & (y_px <= optics[1] + margin_px)
+    )
+
+
+@compiled
+def outside_px(optics: Floats, points: Floats, n: int) -> None:
+    """Write how far outside of the image normalised coordinates are: (n, 3), x, y, pixels.
+
+    Without a lens in a loop of its own, which is several times as fast.
+    """
+    width, height = optics[0], optics[1]
+    if optics[7] == 0.0:
+        for i in range(n):
+            x_px = points[i, 0] * optics[2] + optics[4]
+            y_px = points[i, 1] * optics[6] * optics[3] + optics[5]
+            points[i, 2] = max(-x_px, x_px - width, -y_px, y_px - height)
+        return
+    for i in range(n):
+        x_px, y_px = pixel_of_plane(optics, points[i, 0], points[i, 1])
+        outside = max(-x_px, x_px - width, -y_px, y_px - height)
+        # The polynomial may have no number for a point far outside.
+        points[i, 2] = outside if np.isfinite(outside) else np.inf
+
+
+@compiled
+def _plane_of_pixels(optics: Floats, xy_px: Floats) -> tuple[Floats, bool]:
+    points, every = np.empty(xy_px.shape), True
+    for i in range(len(xy_px)):
+        x, y, exists = plane_of_pixel(optics, xy_px[i, 0], xy_px[i, 1])
+        points[i, 0], points[i, 1] = x, y
+        every = every and exists
+    return points, every
+
+
+@compiled
+def _pixels_of_plane(optics: Floats, points: Floats) -> Floats:
+    xy_px = np.empty(points.shape)
+    for i in range(len(points)):
+        xy_px[i, 0], xy_px[i, 1] = pixel_of_plane(optics, points[i, 0], points[i, 1])
+    return xy_px

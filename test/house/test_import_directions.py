@@ -1,0 +1,180 @@
+"""Which folder may import which: one row for each, read from the sources themselves."""
+
+import ast
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+PACKAGE = CHECKOUT / "star_tracker"
+ADAPTERS = CHECKOUT / "msg_adapters"
+
+#: Modules at the top that every folder may import.
+EVERYWHERE = {"compiled", "resources"}
+CORE = {"geometry", "optics", "catalogue", "attitude", "identification", "solution", "tracker"}
+#: Each folder (or module at the top) with what it may import besides itself; docs/architecture.md
+#: has the same table in words.
+MAY = {
+    "geometry": set(),
+    "optics": {"geometry"},
+    "catalogue": {"geometry"},
+    "attitude": {"geometry"},
+    "identification": {"geometry", "optics", "catalogue", "attitude"},
+    "solution": {"geometry", "optics", "attitude", "identification"},
+    "tracker": CORE,
+    "maps": {"geometry", "optics", "catalogue", "attitude"},
+    "detection": {"geometry", "optics", "catalogue", "maps"},
+    "calibration": CORE,
+    "figures": CORE | {"maps", "detection", "calibration"},
+    "study": CORE | {"maps", "detection", "calibration", "figures"},
+    "commands": CORE | {"maps", "detection", "calibration", "figures", "study"},
+    "nodes": CORE | {"maps", "detection", "calibration", "figures", "study", "commands"},
+}
+#: Libraries of a folder besides the standard library, numpy and scipy.
+LIBRARIES = {
+    "compiled": {"numba"},
+    "figures": {"matplotlib"},
+    "study": {"yaml", "joblib", "distributed", "jinja2", "matplotlib", "PIL", "numba"},
+    "commands": {"rich"},
+}
+#: Modules that import a later folder, or a library that is an extra, only inside of a function.
+INSIDE_FUNCTIONS = {
+    "commands/watch.py": {"nodes"},
+}
+NUMERIC = {"numpy", "scipy"}
+ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros", "msg_adapters"}
+
+
+def imports_of(tree):
+    """Return the dotted names that a tree imports anywhere, in functions too."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{ast.unparse(node)}: a relative import hides where it goes"
+            # `from star_tracker.study import page` imports a module, not a name in one.
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def imports(source):
+    return imports_of(ast.parse(source.read_text(encoding="utf-8")))
+
+
+def imports_at_top(source):
+    """Return the dotted names that come with a module's own import."""
+    tree = ast.parse(source.read_text(encoding="utf-8"))
+    at_top = [node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))]
+    return imports_of(ast.Module(at_top, []))
+
+
+def rooms(names):
+    """Return the folders, and modules at the top, among dotted names."""
+    return {name.split(".")[1] for name in names if name.startswith("star_tracker.")}
+
+
+def tops(names):
+    return {name.split(".")[0] for name in names}
+
+
+def libraries(names):
+    return tops(names) - sys.stdlib_module_names - {"star_tracker", "msg_adapters"}
+
+
+def is_ros(name):
+    return name in ROS or name.endswith(("_msgs", "_interfaces", "_srvs"))
+
+
+def sources():
+    """Yield (room, source) of every module of the package but the package itself."""
+    for source in sorted(PACKAGE.rglob("*.py")):
+        place = source.relative_to(PACKAGE)
+        if place.parts != ("__init__.py",):
+            yield place.parts[0].removesuffix(".py"), source
+
+
+def named(source):
+    return source.relative_to(PACKAGE).as_posix()
+
+
+def test_every_folder_has_its_row():
+    assert {room for room, _ in sources()} <= set(MAY) | EVERYWHERE
+
+
+def test_a_folder_imports_only_the_folders_it_may():
+    for room, source in sources():
+        late = INSIDE_FUNCTIONS.get(named(source), set())
+        wrong = rooms(imports(source)) - MAY.get(room, set()) - {room} - EVERYWHERE - late
+        assert not wrong, f"{named(source)} imports {', '.join(sorted(wrong))}"
+
+
+def test_a_later_folder_is_imported_only_where_it_is_used():
+    """All commands are imported together, and work without ROS."""
+    for place, late in INSIDE_FUNCTIONS.items():
+        assert not rooms(imports_at_top(PACKAGE / place)) & late
+
+
+def test_the_modules_at_the_top_import_nothing_of_the_package():
+    assert rooms(imports(PACKAGE / "resources.py")) == set()
+    assert rooms(imports(PACKAGE / "compiled.py")) == {"resources"}
+
+
+def test_a_folder_imports_only_its_own_libraries():
+    for room, source in sources():
+        if room == "nodes":
+            continue
+        wrong = libraries(imports(source)) - NUMERIC - LIBRARIES.get(room, set())
+        assert not wrong, f"{named(source)} imports {', '.join(sorted(wrong))}"
+
+
+def test_only_the_nodes_import_ros():
+    for room, source in sources():
+        if room == "nodes":
+            continue
+        wrong = {name for name in tops(imports(source)) if is_ros(name)}
+        assert not wrong, f"{named(source)} imports {', '.join(sorted(wrong))}"
+
+
+def test_what_watch_makes_of_plain_values_needs_no_ros():
+    for name in ("model", "outputs", "record", "view"):
+        source = PACKAGE / "nodes" / "watch" / f"{name}.py"
+        assert not {top for top in tops(imports(source)) if is_ros(top)}
+
+
+def test_adapters_import_messages_but_not_rclpy_and_no_node():
+    for source in sorted(ADAPTERS.glob("*.py")):
+        names = imports(source)
+        assert "nodes" not in rooms(names)
+        assert all(name == "numpy" or name.endswith("_msgs") for name in libraries(names))
+
+
+def test_a_figure_does_without_pyplot():
+    """Its global state asks for a screen and keeps every figure alive."""
+    for room, source in sources():
+        if room in {"figures", "study"}:
+            assert "matplotlib.pyplot" not in imports(source)
+
+
+def test_the_modules_have_no_circle():
+    """Each module can be read after those that it imports."""
+    modules = {
+        "star_tracker." + named(source).removesuffix(".py").replace("/", "."): source
+        for _, source in sources()
+    }
+    graph = {}
+    for module, source in modules.items():
+        found = imports(source)
+        found |= {name.rpartition(".")[0] for name in found}
+        graph[module] = (found & set(modules)) - {module}
+    TopologicalSorter(graph).prepare()  # raises CycleError
+
+
+@pytest.mark.parametrize(("text", "found"), [
+    ("import numpy.linalg", {"numpy.linalg"}),
+    ("def f():\n    from star_tracker.study import page", {"star_tracker.study.page"}),
+])
+def test_imports_are_found_wherever_they_stand(text, found):
+    assert imports_of(ast.parse(text)) == found

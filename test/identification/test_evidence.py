@@ -1,0 +1,316 @@
+"""The Bayes factor of a pose: against direct integration, and what chance makes of it."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import comb
+from scipy.stats import invgamma, norm
+
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.identification.cells import MatchGroupSettings
+from star_tracker.identification.evidence import brightness, evidence, strongest
+from star_tracker.maps.simulation import uniform_noise
+from star_tracker.optics.camera import Camera
+from star_tracker.tracker import SolveSettings, StarTracker
+
+CAMERA = Camera.from_fov(12, 512, 512)
+OBLONG = Camera(800, 300, 900.0, 1100.0, 400, 150)
+
+
+def by_integration(camera, vectors, residual2, n, m, *, sigma_px=0.7, freedom=1.0):
+    """Log10 of B for all of the matches, sigma^2 integrated numerically.
+
+    The pose's part is the Gaussian integral over three angles in a uniform density over all
+    rotations, 1 / (8 pi^2); that of the matches a density over the image of area A.
+    """
+    k, s = len(residual2), float(np.sum(residual2))
+    information = sum(np.eye(3) - np.outer(b, b) for b in vectors)
+    area, focal = camera.width_px * camera.height_px, math.sqrt(camera.fx_px * camera.fy_px)
+    noise = invgamma(freedom / 2, scale=freedom * sigma_px**2 / 2)
+
+    def log_given(variance):
+        """Natural log of everything that depends on the noise."""
+        density = k * (math.log(area) - math.log(2 * math.pi * variance)) - s / (2 * variance)
+        covariance = variance / focal**2 * np.linalg.inv(information)
+        pose = 0.5 * np.linalg.slogdet(2 * math.pi * covariance)[1] - math.log(8 * math.pi**2)
+        return density + pose + noise.logpdf(variance) + math.log(variance)
+
+    grid = np.linspace(-20, 15, 700)
+    values = np.array([log_given(math.exp(t)) for t in grid])
+    top, peak = grid[np.argmax(values)], np.max(values)
+    integral = quad(
+        lambda t: math.exp(log_given(math.exp(t)) - peak), top - 12, top + 12, points=[top],
+        epsabs=0, epsrel=1e-9, limit=200,
+    )[0]
+    # (n - k)! / n! k! (m - k)! / m! is 1 / (ways to choose k of m, k of n, and to pair them).
+    ways = comb(n, k, exact=True) * comb(m, k, exact=True) * math.factorial(k)
+    log_b = peak + math.log(integral) - math.log(ways) - math.log(min(n, m) + 1)
+    return log_b / math.log(10)
+
+
+def frame_of(camera, n, seed):
+    rng = np.random.default_rng(seed)
+    return camera.vectors(rng.random((n, 2)) * (camera.width_px, camera.height_px))
+
+
+def chosen(camera, vectors, residual2, m, sigma_px=0.0):
+    """The number of matches that carry most evidence and its log10; stars 0, 1, ... match."""
+    k = len(residual2)
+    e = evidence(len(vectors) + m + k, sigma_px)
+    return strongest(e, vectors, np.arange(k), np.array(residual2), k, m, camera.optics)
+
+
+# The formula
+
+
+@pytest.mark.parametrize("camera", [CAMERA, OBLONG], ids=["square", "oblong"])
+@pytest.mark.parametrize(
+    ("known_px", "prior"),
+    [
+        (0.0, {"sigma_px": 0.7, "freedom": 1.0}), (0.2, {"sigma_px": 0.2, "freedom": 20.0}),
+        (3.0, {"sigma_px": 3.0, "freedom": 20.0}),
+    ],
+    ids=["unknown", "0.2 px", "3 px"],
+)
+@pytest.mark.parametrize(
+    "size", [(3, 3, 3), (4, 10, 3), (10, 4, 4), (25, 30, 12), (60, 200, 41)]
+)
+def test_evidence_is_the_integral_over_pose_and_noise(camera, known_px, prior, size):
+    n, m, k = size
+    vectors = frame_of(camera, n, n)
+    residual2 = np.full(k, 0.3 if known_px == 0 else known_px**2)
+    number, score = chosen(camera, vectors, residual2, m, known_px)
+    expected = {
+        j: by_integration(camera, vectors[:j], residual2[:j], n, m, **prior)
+        for j in {3, (3 + k) // 2, k, number}
+    }
+    assert score == pytest.approx(expected[number], abs=1e-6)
+    assert score >= max(expected.values()) - 1e-6
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_as_many_matches_are_taken_as_carry_most_evidence(seed):
+    """Some good ones and some that are off by many pixels."""
+    rng = np.random.default_rng(seed)
+    vectors = frame_of(CAMERA, 20, seed)
+    good = int(rng.integers(3, 8))
+    residual2 = np.sort(np.concatenate([rng.random(good), rng.uniform(500, 5000, 4)]))
+    k, score = chosen(CAMERA, vectors, residual2, 25)
+    expected = [
+        by_integration(CAMERA, vectors[:j], residual2[:j], 20, 25)
+        for j in range(3, good + 5)
+    ]
+    assert k == 3 + np.argmax(expected)
+    assert score == pytest.approx(max(expected), abs=1e-6)
+    assert k <= good or good < 5
+
+
+def test_evidence_of_perfect_matches_has_a_bound_from_the_typical_noise():
+    """S = 0 is no certainty: sigma is as likely as anything to be larger."""
+    vectors = frame_of(CAMERA, 4, 1)
+    perfect, good = (chosen(CAMERA, vectors, [r] * 4, 4)[1] for r in (0.0, 0.01))
+    assert good < perfect < good + 0.5
+    assert math.isfinite(perfect)
+
+
+def test_evidence_grows_with_matches_and_falls_with_residuals_and_with_false_stars():
+    vectors = frame_of(CAMERA, 30, 2)
+
+    def score(k, n, m, residual_px):
+        return chosen(CAMERA, vectors[:n], [residual_px**2] * k, m)[1]
+
+    by_matches = [score(k, 12, 12, 0.5) for k in range(3, 13)]
+    assert np.all(np.diff(by_matches) > 0)
+    by_residual = [score(6, 12, 12, r) for r in (0.0, 0.3, 1.0, 3.0, 10.0)]
+    assert np.all(np.diff(by_residual) < 0)
+    by_false = [score(6, n, 12, 0.5) for n in (6, 8, 12, 20, 30)]
+    assert np.all(np.diff(by_false) < 0)
+    by_missing = [score(6, 12, m, 0.5) for m in (6, 8, 12, 50, 300)]
+    assert np.all(np.diff(by_missing) < 0)
+
+
+def test_stars_on_a_wide_base_say_less_than_a_cluster_because_they_fit_fewer_poses():
+    """det M is larger by the square of the ratio of the spreads: half of its log10."""
+    small = np.array([(250.0, 250), (262, 250), (250, 262), (262, 262)])
+    wide = 256 + 12 * (small - 256)
+    results = [chosen(CAMERA, CAMERA.vectors(xy), [0.1] * 4, 4)[1] for xy in (small, wide)]
+    assert results[0] - results[1] == pytest.approx(math.log10(12), abs=0.02)
+
+
+def test_known_noise_makes_the_residuals_that_belong_to_it_stronger():
+    vectors = frame_of(CAMERA, 5, 3)
+    small = [0.05**2] * 5
+    assert chosen(CAMERA, vectors, small, 5, 0.05)[1] > chosen(CAMERA, vectors, small, 5)[1]
+    # And those that do not belong to it far weaker.
+    large = [3.0**2] * 5
+    assert chosen(CAMERA, vectors, large, 5, 0.05)[1] < chosen(CAMERA, vectors, large, 5)[1] - 3
+
+
+def test_more_matches_than_guide_stars_inside_are_possible_at_the_border():
+    """A guide star just outside may match a centroid just inside: m is not less than k."""
+    vectors = frame_of(CAMERA, 6, 4)
+    outside, inside = (chosen(CAMERA, vectors, [0.2] * 5, m) for m in (3, 5))
+    assert outside == inside
+
+
+def test_factorials():
+    np.testing.assert_allclose(np.exp(evidence(6, 0.0).log_factorial), [1, 1, 2, 6, 24, 120, 720])
+
+
+# Chance
+
+
+@pytest.mark.parametrize(
+    ("n_stars", "n_centroids", "n_frames"), [(120, 6, 600), (400, 8, 300), (900, 20, 150)]
+)
+def test_unrelated_frames_seldom_look_like_the_sky(n_stars, n_centroids, n_frames):
+    """Markov's inequality: evidence above x in at most one unrelated frame of x.
+
+    The best of all poses on the sky counts, and three standard deviations of luck are allowed.
+    """
+    rng = np.random.default_rng(n_centroids)
+    vectors = rng.normal(size=(n_stars, 3))
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    none = np.zeros(n_stars, np.int64)
+    catalog = StarCatalog(vectors, np.full(n_stars, 4.0), none, none)
+    camera = Camera.from_fov(20, 512, 512)
+    settings = SolveSettings(
+        "match_group", MatchGroupSettings(quick=False), max_log10_false_alarms=0.0,
+        deadline_ms=math.inf,
+    )
+    database = FeatureDatabase.build(catalog, max_separation_deg=20)
+    tracker = StarTracker(database, camera, settings)
+    frames = [uniform_noise(camera, n_centroids, rng) for _ in range(n_frames)]
+    decades = np.array([-tracker.solve(xy).log10_false_alarms for xy in frames])
+    for decade in (0.5, 1.0, 2.0, 3.0):
+        chance = 10.0**-decade
+        bound = chance * n_frames + 3 * math.sqrt(chance * n_frames)
+        assert np.count_nonzero(decades > decade) <= bound
+
+
+# Brightness
+
+
+def sky_of(n, seed):
+    """V magnitudes of a sky, instrumental ones of a frame that shows all of it."""
+    rng = np.random.default_rng(seed)
+    v_mag = rng.uniform(1, 6, n)
+    return v_mag, v_mag - 11.3 + rng.normal(0, 0.2, n), rng
+
+
+def gain(magnitude, v_mag, catalog=None):
+    k = len(v_mag)
+    pairs = np.arange(k) if catalog is None else catalog
+    return brightness(magnitude, v_mag, np.arange(k), pairs, k)
+
+
+def by_formula(magnitude, difference):
+    """For each match a mixture of its own magnitude and any of the frame's; half trusted."""
+    known = difference[np.isfinite(difference)]
+    frame = magnitude[np.isfinite(magnitude)]
+    spread = max(np.std(frame), 0.3)
+    zero = np.median(known)
+    stars = frame[: len(known)]
+    own, other = norm.pdf(known - zero, scale=0.3), norm.pdf(stars, frame.mean(), spread)
+    ratio = np.prod(0.9 * own / other + 0.1)
+    # The zero point: uniform over 3 magnitudes, known to 0.3 / sqrt(n).
+    occam = 0.3 * math.sqrt(2 * math.pi / len(known)) / 3.0
+    return math.log10(0.5 * ratio * occam + 0.5)
+
+
+@pytest.mark.parametrize("n", [3, 4, 8, 30])
+def test_brightness_agrees_with_the_formula(n):
+    for seed in range(20):
+        v_mag, magnitude, rng = sky_of(n, seed)
+        assert gain(magnitude, v_mag) == pytest.approx(
+            by_formula(magnitude, magnitude - v_mag), abs=1e-9
+        )
+        other = rng.permutation(n)
+        assert gain(magnitude, v_mag, other) == pytest.approx(
+            by_formula(magnitude, magnitude - v_mag[other]), abs=1e-9
+        )
+
+
+def test_true_magnitudes_raise_the_evidence():
+    for seed in range(50):
+        v_mag, magnitude, _ = sky_of(10, seed)
+        # Each of ten stars is known to 0.3 mag out of a standard deviation of 1.4.
+        assert gain(magnitude, v_mag) > 1
+    gains = [gain(*reversed(sky_of(n, 1)[:2])) for n in (4, 8, 16, 32)]
+    assert gains == sorted(gains)
+
+
+@pytest.mark.parametrize("kind", ["permuted", "random", "wild", "constant", "outlier"])
+def test_garbage_costs_no_more_than_half(kind):
+    for seed in range(200):
+        v_mag, magnitude, rng = sky_of(3 + seed % 20, seed)
+        made = {
+            "permuted": rng.permutation(magnitude),
+            "random": rng.normal(0, 1, len(magnitude)),
+            "wild": rng.normal(0, 1e3, len(magnitude)),
+            "constant": np.full(len(magnitude), -7.0),
+            "outlier": magnitude + 30 * (np.arange(len(magnitude)) == 1),
+        }[kind]
+        found = gain(made, v_mag)
+        assert math.isfinite(found)
+        assert found >= math.log10(0.5) - 1e-9
+
+
+@pytest.mark.parametrize("n", [4, 8, 20])
+def test_garbage_seldom_helps(n):
+    """Unrelated magnitudes: x times the evidence in no more than one frame of x."""
+    rng = np.random.default_rng(n)
+    gains = np.array([
+        gain(rng.uniform(-10, -5, n), rng.uniform(1, 6, n)) for _ in range(4000)
+    ])
+    for decade in (0.5, 1.0, 2.0):
+        assert np.mean(gains > decade) <= 10.0**-decade
+    assert np.mean(10.0**gains) < 1.5
+
+
+def test_unknown_magnitudes_are_ignored():
+    v_mag, magnitude, _ = sky_of(12, 3)
+    holes = magnitude.copy()
+    holes[[1, 5, 6]] = np.nan
+    left = np.flatnonzero(np.isfinite(holes))
+    without = brightness(magnitude[left], v_mag, np.arange(9), left, 9)
+    assert gain(holes, v_mag) == pytest.approx(without, abs=1e-12)
+    # A guide star without a magnitude too; its centroid still counts among those of the frame.
+    v_mag[2] = np.nan
+    assert math.isfinite(gain(holes, v_mag))
+    assert gain(holes, v_mag) < without
+
+
+@pytest.mark.parametrize("known", [0, 1, 2])
+def test_fewer_than_three_known_magnitudes_say_nothing(known):
+    v_mag, magnitude, _ = sky_of(6, 4)
+    magnitude[known:] = np.nan
+    assert gain(magnitude, v_mag) == 0
+
+
+def test_the_zero_point_does_not_matter():
+    v_mag, magnitude, _ = sky_of(9, 5)
+    assert gain(magnitude + 17.0, v_mag) == pytest.approx(gain(magnitude, v_mag), abs=1e-9)
+
+
+def test_only_the_matches_that_count_are_looked_at():
+    v_mag, magnitude, _ = sky_of(9, 6)
+    magnitude[6:] = magnitude[:3]
+    catalog = np.arange(9)
+    first = brightness(magnitude, v_mag, np.arange(9), catalog, 6)
+    catalog[6:] = 0
+    assert brightness(magnitude, v_mag, np.arange(9), catalog, 6) == first
+
+
+@pytest.mark.parametrize(
+    "n", [1000, 2000, 10_000],
+)
+def test_one_star_far_brighter_than_all_others_is_no_overflow(n):
+    magnitude = np.zeros(n)
+    magnitude[0] = -15.0
+    found = brightness(magnitude, np.array([-15.0, 0, 0]), np.arange(3), np.arange(3), 3)
+    # No more than the star's own (exp(25)) and what the two others may add.
+    assert 5 < found < 20

@@ -1,0 +1,257 @@
+"""The labels of an accepted frame: identified and displaced stars."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from star_tracker.attitude.attitude import rotation_from_boresight
+from star_tracker.attitude.wahba import wahba
+from star_tracker.catalogue.sky_index import SkyIndex
+from star_tracker.geometry.spherical import separation
+from star_tracker.identification.evidence import evidence
+from star_tracker.identification.field import Candidate, StarField
+from star_tracker.identification.judge import Sky, Verified, verify
+from star_tracker.identification.labels import Identification, StarState, label
+from star_tracker.maps.simulation import random_rotation, uniform_noise
+from star_tracker.optics.camera import Camera
+
+CAMERA = Camera.from_fov(12, 512, 512)
+ROTATION = rotation_from_boresight(2.0, 0.4, 1.0)
+#: Ten stars at places in the image, far from each other: the truth of most frames here.
+PLACES = np.array([
+    (60.0, 70), (250, 40), (450, 90), (90, 250), (256, 240), (430, 280), (50, 440), (210, 460),
+    (360, 400), (480, 470),
+])
+UNIDENTIFIED, IDENTIFIED, DISPLACED = StarState
+
+
+def sky_at(xy_px, rotation=ROTATION):
+    """A sky with a guide star for each place in the image of the camera at a rotation."""
+    vectors = CAMERA.vectors(xy_px) @ rotation.T
+    n = len(vectors)
+    return Sky(
+        SkyIndex.build(vectors), np.full(n, 4.0), CAMERA.optics, CAMERA.radius_rad,
+        evidence(n + 1000, 0.0),
+    )
+
+
+def field_at(xy_px):
+    return StarField.from_pixels(CAMERA, np.asarray(xy_px, float))
+
+
+def labelled(guides, observed, *, gate_px=40.0):
+    """Label a frame at the true rotation."""
+    verified = Verified(ROTATION, -10.0, 2.0)
+    return label(sky_at(guides), field_at(observed), verified, gate_px)[0]
+
+
+def test_states_are_the_numbers_that_messages_carry():
+    assert [int(state) for state in StarState] == [0, 1, 2]
+
+
+def test_an_empty_identification_names_nothing():
+    nothing = Identification.empty(3)
+    np.testing.assert_array_equal(nothing.catalog_index, [-1, -1, -1])
+    np.testing.assert_array_equal(nothing.state, [0, 0, 0])
+    assert np.isnan(nothing.residual_px).all()
+    assert len(nothing.identified) == 0
+
+
+def test_each_star_is_labelled_in_its_own_row():
+    order = np.random.default_rng(4).permutation(10)
+    found = labelled(PLACES, PLACES[order])
+    np.testing.assert_array_equal(found.catalog_index, order)
+    assert (found.state == IDENTIFIED).all()
+    np.testing.assert_allclose(found.residual_px, 0, atol=1e-9)
+
+
+def test_a_star_of_no_guide_star_stays_unidentified():
+    found = labelled(PLACES, np.concatenate([PLACES, [(160.0, 160)]]))
+    np.testing.assert_array_equal(found.identified, np.arange(10))
+    assert found.state[10] == UNIDENTIFIED
+    assert found.catalog_index[10] == -1
+    assert np.isnan(found.residual_px[10])
+
+
+def test_a_guide_star_that_is_not_seen_is_given_to_nobody():
+    found = labelled(PLACES, PLACES[:9])
+    np.testing.assert_array_equal(found.catalog_index, np.arange(9))
+
+
+def test_two_centroids_at_one_guide_star_are_matched_one_to_one():
+    """A split centroid: the nearer half gets the name, the other none."""
+    noisy = PLACES + np.random.default_rng(5).normal(0, 0.5, (10, 2))
+    noisy[4] = PLACES[4] + (0.2, 0)
+    found = labelled(PLACES, np.concatenate([noisy, [PLACES[4] + (0, 1.4)]]))
+    assert found.catalog_index[4] == 4
+    assert found.state[10] == UNIDENTIFIED
+    assert found.catalog_index[10] == -1
+
+
+def test_two_guide_stars_at_one_centroid_are_matched_one_to_one():
+    guides = np.concatenate([PLACES, [PLACES[4] + (0, 1.4)]])
+    observed = PLACES + np.random.default_rng(6).normal(0, 0.5, (10, 2))
+    observed[4] = PLACES[4] + (0.2, 0)
+    found = labelled(guides, observed)
+    np.testing.assert_array_equal(found.catalog_index, np.arange(10))
+
+
+def test_residuals_are_distances_in_pixels_from_the_predicted_places():
+    observed = PLACES + np.random.default_rng(7).normal(0, 0.5, (10, 2))
+    verified = Verified(ROTATION, -10.0, 2.0)
+    found, rotation = label(sky_at(PLACES), field_at(observed), verified, 0.0)
+    places = CAMERA.pixels(sky_at(PLACES).guides.vectors @ rotation)
+    np.testing.assert_allclose(
+        found.residual_px, np.linalg.norm(places - observed, axis=1), rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("off_rad", [1e-3, 1e-4, 1e-6])
+def test_the_final_rotation_is_fitted_to_all_identified_stars(off_rad):
+    """From 2.4 px away and less, by linear least squares: an error of second order is left."""
+    observed = PLACES + np.random.default_rng(8).normal(0, 0.5, (10, 2))
+    sky, field = sky_at(PLACES), field_at(observed)
+    fitted = wahba(field.vectors, sky.guides.vectors[field.frame.row])
+    start = fitted @ Rotation.from_rotvec([off_rad, 0, 0]).as_matrix()
+    verified = Verified(start.copy(), -10.0, 2.0)
+    found, rotation = label(sky, field, verified, 0.0)
+    assert (found.state == IDENTIFIED).all()
+    np.testing.assert_allclose(rotation, fitted, atol=2 * off_rad**2 + 1e-13)
+    np.testing.assert_array_equal(verified.rotation, start)
+
+
+@pytest.mark.parametrize(
+    ("noise_px", "off_px", "state"),
+    [
+        (0.05, 2.0, UNIDENTIFIED), (1.0, 2.0, IDENTIFIED), (0.2, 3.0, UNIDENTIFIED),
+        (0.2, 0.4, IDENTIFIED),
+        (0.05, 1.0, UNIDENTIFIED),
+        (0.2, 1.6, UNIDENTIFIED),
+    ],
+)
+def test_the_gate_follows_the_noise_of_the_frame(noise_px, off_px, state):
+    """Two standard deviations are usual; fifteen are not, however few pixels that is."""
+    observed = PLACES + np.random.default_rng(9).normal(0, noise_px, (10, 2))
+    observed[3] = PLACES[3] + (off_px, 0.0)
+    found = labelled(PLACES, observed, gate_px=0.0)
+    assert found.state[3] == state
+    assert (np.delete(found.state, 3) == IDENTIFIED).all()
+
+
+def test_wrong_members_of_a_hypothesis_get_their_right_labels():
+    observed = PLACES + np.random.default_rng(2).normal(0, 0.2, (10, 2))
+    sky, field = sky_at(PLACES), field_at(observed)
+    exchanged = np.array([0, 1, 2, 3, 4, 5, 6, 7, 9, 8])
+    candidate = Candidate(np.argsort(field.frame.row), exchanged, 12.0)
+    found, _ = label(sky, field, verify(sky, field, candidate), 0.0)
+    np.testing.assert_array_equal(found.catalog_index, np.arange(10))
+
+
+def test_noise_wider_than_the_tolerance_is_measured():
+    """2 px of noise and a tolerance of 2 px: the first gate is 10 px, the last one 3.7 sigma."""
+    rng = np.random.default_rng(12)
+    for _ in range(20):
+        found = labelled(PLACES, PLACES + rng.normal(0, 2.0, (10, 2)), gate_px=0.0)
+        assert np.count_nonzero(found.state == IDENTIFIED) >= 9
+        named = found.identified
+        np.testing.assert_array_equal(found.catalog_index[named], named)
+
+
+# Displaced stars
+
+
+def moved(star, by):
+    observed = PLACES.copy()
+    observed[star] += by
+    return observed
+
+
+def test_a_displaced_star_alone_is_labelled():
+    found = labelled(PLACES, moved(4, (20, 10)))
+    assert found.state[4] == DISPLACED
+    assert found.catalog_index[4] == 4
+    assert found.residual_px[4] == pytest.approx(np.hypot(20, 10), abs=0.01)
+    assert 4 not in found.identified
+
+
+def test_two_displaced_stars_far_from_each_other_are_both_labelled():
+    observed = moved(0, (12, 0))
+    observed[9] += (0, -15)
+    found = labelled(PLACES, observed)
+    np.testing.assert_array_equal(np.flatnonzero(found.state == DISPLACED), [0, 9])
+    np.testing.assert_array_equal(found.catalog_index, np.arange(10))
+
+
+@pytest.mark.parametrize(("gate_px", "state"), [(19.9, UNIDENTIFIED), (20.1, DISPLACED)])
+def test_a_displaced_star_is_labelled_within_the_gate_only(gate_px, state):
+    assert labelled(PLACES, moved(4, (20, 0)), gate_px=gate_px).state[4] == state
+
+
+def test_a_gate_of_zero_labels_no_displaced_star():
+    found = labelled(PLACES, moved(4, (5, 0)), gate_px=0.0)
+    assert found.state[4] == UNIDENTIFIED
+    assert found.catalog_index[4] == -1
+
+
+@pytest.mark.parametrize(("second_px", "state"), [(59.0, UNIDENTIFIED), (61.0, DISPLACED)])
+def test_a_displaced_star_between_two_free_guide_stars_is_not_labelled(second_px, state):
+    """The second nearest free guide star has to be three times farther than 20 px."""
+    guides = np.concatenate([PLACES, [PLACES[4] + (20 + second_px, 0)]])
+    found = labelled(guides, moved(4, (20, 0)))
+    assert found.state[4] == state
+
+
+def test_a_guide_star_that_is_taken_does_not_make_a_displaced_star_ambiguous():
+    """The neighbour 30 px away has its own centroid, so it is no rival."""
+    guides = np.concatenate([PLACES, [PLACES[4] + (50, 0)]])
+    found = labelled(guides, np.concatenate([moved(4, (20, 0)), guides[10:]]))
+    assert found.state[4] == DISPLACED
+    assert found.catalog_index[4] == 4
+
+
+@pytest.mark.parametrize(
+    ("n_false", "state"), [(0, DISPLACED), (3, DISPLACED), (30, UNIDENTIFIED)]
+)
+def test_a_displaced_star_among_many_false_stars_is_likely_chance(n_false, state):
+    """(1 + n) pi 20^2 / 512^2 pairs as close are expected by chance: 0.005 for each star."""
+    rng = np.random.default_rng(10)
+    crowd = uniform_noise(CAMERA, 500, rng)
+    # Far from the free guide star, so that only the number of stars speaks against it.
+    crowd = crowd[np.linalg.norm(crowd - PLACES[4], axis=1) > 100][:n_false]
+    found = labelled(PLACES, np.concatenate([moved(4, (20, 0)), crowd]))
+    assert found.state[4] == state
+
+
+def test_many_free_guide_stars_make_chance_likely_too():
+    """2 stars and 8 guide stars are left over: 16 pi 30^2 / 512^2 = 0.17 pairs by chance."""
+    missing = [(140.0, 150), (340, 60), (350, 180), (150, 350), (300, 330), (420, 200), (30, 340)]
+    guides = np.concatenate([PLACES, missing])
+    observed = np.concatenate([moved(0, (-21, -21)), [(300.0, 500)]])
+    assert labelled(PLACES, observed).state[0] == DISPLACED
+    assert labelled(guides, observed).state[0] == UNIDENTIFIED
+
+
+def test_a_displaced_star_has_no_say_in_the_attitude():
+    verified = Verified(ROTATION, -10.0, 2.0)
+    _, rotation = label(sky_at(PLACES), field_at(moved(4, (20, 10))), verified, 40.0)
+    others = np.delete(PLACES, 4, axis=0)
+    _, without = label(sky_at(PLACES), field_at(others), verified, 40.0)
+    np.testing.assert_allclose(rotation, without, atol=1e-13)
+
+
+def test_a_star_displaced_out_of_the_image_can_be_named_when_its_place_is_inside():
+    guides = np.concatenate([PLACES, [(500.0, 200)]])
+    observed = np.concatenate([PLACES, [(520.0, 200)]])
+    found = labelled(guides, observed)
+    assert (found.state[10], found.catalog_index[10]) == (DISPLACED, 10)
+
+
+def test_labelling_works_at_any_attitude():
+    rng = np.random.default_rng(11)
+    for _ in range(50):
+        rotation = random_rotation(rng)
+        sky, field = sky_at(PLACES, rotation), field_at(PLACES)
+        candidate = Candidate(np.argsort(field.frame.row)[:4], np.arange(4), 2.0)
+        found, fitted = label(sky, field, verify(sky, field, candidate), 40.0)
+        np.testing.assert_array_equal(found.catalog_index, np.arange(10))
+        assert separation(fitted[:, 2], rotation[:, 2]) < 1e-9

@@ -1,0 +1,324 @@
+"""`star_tracker watch` with real nodes: in one process, and as users start it."""
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import ExternalShutdownException
+from ros_helpers import frame_of, new_header, open_bench
+from sensor_msgs.msg import Imu, PointCloud2
+
+from msg_adapters.health import health_from_diagnostics
+from msg_adapters.solution import values_from_diagnostics
+from star_tracker.commands import cli
+from star_tracker.maps.simulation import uniform_noise
+from star_tracker.maps.star_map import paper_maps
+from star_tracker.nodes.identify import health_report
+from star_tracker.nodes.identify_node import IdentifyNode
+from star_tracker.nodes.parameters import ParameterError
+from star_tracker.nodes.watch import node as watch_module
+from star_tracker.nodes.watch.node import WatchNode
+
+ROOT = Path(__file__).resolve().parents[2]
+MAP1 = paper_maps((1,))[0]
+#: The longest that a process may take to start, to be found or to end.
+TIMEOUT_S = 30.0
+FULL_SPEED = {"parity": "mirrored", "deadline_ms": 60_000.0, "keep_up": False}
+
+
+class Notes:
+    """An output that keeps what it is told."""
+
+    def __init__(self):
+        self.frames, self.looks, self.enough = [], 0, False
+
+    def frame(self, _, frame):
+        self.frames.append(frame)
+
+    def look(self, *_):
+        self.looks += 1
+        return not self.enough
+
+
+@contextmanager
+def watched_bench(monkeypatch, parameters=None):
+    """A bench with an identify_node, connected frames, and a node that watches."""
+    monkeypatch.setattr(health_report, "_PERIOD_S", 0.1)
+    monkeypatch.setattr(watch_module, "_LOOK_S", 0.05)
+    with open_bench() as bench:
+        node = bench.start(IdentifyNode, {**FULL_SPEED, **(parameters or {})})
+        bench.notes = Notes()
+        bench.watch = bench._add(WatchNode(bench.notes, bench.namespace, context=bench.context))
+        publishers = (
+            node._outputs._solution, node._outputs._imu, node._outputs._boresight,
+            node._outputs._stars,
+        )
+        # No event of the probe tells of that; the outlook is called with each look of the watch.
+        bench.counted = bench.count_calls(next(iter(bench.watch.timers)))
+        bench.until(lambda: all(p.get_subscription_count() for p in publishers), "watching node")
+        bench.centroids = bench.connected_outbox(PointCloud2, "centroids")
+        yield bench
+
+
+def send(bench, xy_px):
+    """Send a frame and return what the watching node tells of it."""
+    before = len(bench.notes.frames)
+    bench.centroids.publish(frame_of(xy_px))
+    bench.until(lambda: len(bench.notes.frames) > before, "frame that is told of")
+    return bench.notes.frames[-1]
+
+
+def test_a_real_node_is_watched(monkeypatch):
+    with watched_bench(monkeypatch, {"calibrate_focal_length": "report"}) as bench:
+        solved = send(bench, MAP1.xy_px)
+        unsolved = send(bench, uniform_noise(MAP1.camera, 8, np.random.default_rng(1)))
+        watched = bench.watch.watched
+        bench.until(
+            lambda: watched.health and watched.health.values["frames"] == "2", "health report"
+        )
+        assert watched.full_name == bench.node.get_fully_qualified_name()
+        assert watched.health.level == "OK"
+        assert float(watched.focal_length.values["focal_length_px"]) == pytest.approx(2435.7, 1e-3)
+    assert (solved.status, unsolved.status) == ("SOLVED", "NO_MATCH")
+    assert solved.pose.boresight_deg == pytest.approx([109.6, 34.5, 90.0], abs=1e-3)
+    assert np.linalg.norm(solved.pose.quaternion_xyzw) == pytest.approx(1.0)
+    x, y, z = solved.pose.sigma_arcsec
+    # A star tracker knows its roll less well than where it points.
+    assert 0 < max(x, y) < z < 60
+    np.testing.assert_array_equal(solved.stars["star_number"], MAP1.star_number)
+    assert unsolved.pose is None
+    assert len(unsolved.stars) == 8
+    assert watched.pose is solved.pose
+    assert watched.trouble == ""
+
+
+def test_messages_that_cannot_be_read_are_told_and_outlived(monkeypatch):
+    with watched_bench(monkeypatch) as bench:
+        watched, troubles = bench.watch.watched, []
+        for kind, topic, message in (
+            (PointCloud2, "identified_stars", PointCloud2(height=2, width=1)),
+            (DiagnosticArray, "solution", DiagnosticArray()),
+            (Imu, "imu", null_imu()),
+        ):
+            outbox = bench.connected_outbox(kind, topic)
+            watched.trouble = ""
+            outbox.publish(message)
+            bench.until(lambda: watched.trouble, f"trouble with {topic}")
+            troubles.append(watched.trouble)
+        assert send(bench, MAP1.xy_px).status == "SOLVED"
+    assert troubles == [
+        "identified_stars: PointCloud2 height is 2: a frame has height 1",
+        "solution: DiagnosticArray holds no status: a solution has one",
+        "imu: the orientation is no rotation",
+    ]
+
+
+def null_imu():
+    message = Imu(header=new_header())
+    message.orientation.w = 0.0
+    return message
+
+
+def test_reports_of_other_nodes_are_not_taken(monkeypatch):
+    with watched_bench(monkeypatch) as bench:
+        bench.until(lambda: bench.watch.watched.health, "health report")
+        outbox = bench.connected_outbox(DiagnosticArray, "/diagnostics")
+        other = DiagnosticStatus(name="/other/identify_node: health", message="not this one")
+        calls = bench.count_calls(next(
+            s for s in bench.watch.subscriptions if s.topic_name == "/diagnostics"
+        ))
+        outbox.publish(DiagnosticArray(status=[other]))
+        bench.until(
+            lambda: any(m.status and m.status[0].name == other.name for m, *_ in calls), "report"
+        )
+        assert bench.watch.watched.health.message != "not this one"
+
+
+def test_the_node_ends_when_the_output_has_enough_and_knows_where_nodes_are(monkeypatch):
+    with watched_bench(monkeypatch) as bench:
+        bench.notes.enough = True
+        with pytest.raises(ExternalShutdownException):
+            bench.until(lambda: False, "end")
+        assert bench.watch.elsewhere == [bench.namespace]
+
+
+def test_a_namespace_that_cannot_be_one_is_refused():
+    with open_bench() as bench, pytest.raises(ParameterError, match="--namespace a b is not"):
+        WatchNode(Notes(), "a b", context=bench.context)
+
+
+# ---- as a process ----------------------------------------------------------------------------
+
+
+def start(*command, **options):
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    return subprocess.Popen(
+        [sys.executable, "-m", *command], env={**os.environ, "PYTHONPATH": path, "COLUMNS": "80"},
+        text=True, **options,
+    )
+
+
+def start_watch(*arguments, **options):
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+    return start("star_tracker.commands.cli", "watch", *arguments, **pipes)
+
+
+@pytest.fixture(scope="module")
+def namespace():
+    """The namespace of an identify_node and a replay_node without end, two processes, at work."""
+    name = f"/watch_{os.getpid()}"
+    nodes = [
+        start(
+            f"star_tracker.nodes.{node}", "--ros-args", "-r", f"__ns:={name}",
+            *(word for p in parameters for word in ("-p", p)), stderr=subprocess.DEVNULL,
+        )
+        for node, parameters in (
+            ("identify_node", [
+                "use_camera_info:=true", "parity:=mirrored", "deadline_ms:=60000.0",
+                "keep_up:=false",
+            ]),
+            ("replay_node", ["loop:=true", "rate_hz:=20.0"]),
+        )
+    ]
+    try:
+        wait_until_at_work(name)
+        yield name
+    finally:
+        for node in nodes:
+            node.terminate()
+        for node in nodes:
+            node.wait(timeout=TIMEOUT_S)
+
+
+def wait_until_at_work(namespace):
+    """Wait for a frame that is solved and a report that counts it."""
+    with open_bench(TIMEOUT_S) as bench:
+        solutions = bench.inbox(DiagnosticArray, f"{namespace}/solution")
+        reports = bench.inbox(DiagnosticArray, "/diagnostics")
+        bench.until(lambda: any(
+            values_from_diagnostics(message)["status"] == "SOLVED"
+            for message in solutions.messages
+        ), "solved frame")
+        bench.until(lambda: any(
+            int(health_from_diagnostics(message, status.name)["solved"])
+            for message in reports.messages for status in message.status
+        ), "report of it")
+
+
+def ended(process):
+    out, err = process.communicate(timeout=TIMEOUT_S)
+    return process.returncode, out, err
+
+
+def test_once_prints_one_record_of_a_running_node(namespace):
+    process = start_watch("--namespace", namespace, "--once", "--json", "--timeout-s", "30")
+    code, out, err = ended(process)
+    assert (code, err) == (0, "")
+    (line,) = out.splitlines()
+    record = json.loads(line)
+    assert record["node"] == f"{namespace}/identify_node"
+    assert record["status"] == "SOLVED"
+    assert record["total"] == len(record["stars"])
+    assert record["health"]["frames"] > 0
+    assert len(record["sigma_camera_xyz_arcsec"]) == 3
+
+
+def test_lines_end_with_ctrl_c_and_exit_code_0(namespace):
+    process = start_watch("--namespace", namespace)
+    lines = [process.stdout.readline() for _ in range(10)]
+    for _ in range(2):  # as below launch, or where a user is impatient
+        process.send_signal(signal.SIGINT)
+    code, _, err = ended(process)
+    assert (code, err) == (0, "")
+    assert all(" SOLVED " in line and line.endswith(" ms\n") for line in lines)
+
+
+def test_a_reader_that_has_enough_ends_it_without_a_word(namespace):
+    process = start_watch("--namespace", namespace, "--json")
+    json.loads(process.stdout.readline())
+    process.stdout.close()
+    assert process.wait(timeout=TIMEOUT_S) == cli.NO_READER
+    assert process.stderr.read() == ""
+    process.stderr.close()
+
+
+def test_screen_ends_with_ctrl_c_from_the_terminal(namespace):
+    here, there = pty.openpty()
+    process = start_watch(
+        "--namespace", namespace, stdin=there, stdout=there, stderr=there, process_group=0,
+    )
+    os.close(there)
+    watchdog = threading.Timer(TIMEOUT_S, process.kill)
+    watchdog.start()
+    shown = b""
+    try:
+        while b"RA, Dec, roll" not in shown:
+            shown += os.read(here, 65536)
+        process.send_signal(signal.SIGINT)
+        shown += rest_of(here)
+    finally:
+        watchdog.cancel()
+        os.close(here)
+    assert process.wait(timeout=TIMEOUT_S) == 0
+    assert b"Traceback" not in shown
+    # The terminal is as it was, with its cursor, and the last view stands there.
+    assert b"identify_node" in shown.split(b"\x1b[?1049l")[1]
+    assert b"\x1b[?25h" in shown
+
+
+def rest_of(terminal):
+    """Read until the process closes its end: Linux gives an error then."""
+    shown = b""
+    while True:
+        try:
+            more = os.read(terminal, 65536)
+        except OSError:
+            return shown
+        shown += more
+
+
+# ---- what cannot be used ---------------------------------------------------------------------
+
+
+def refusal(capsys, *arguments):
+    assert cli.main(["watch", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    return err
+
+
+@pytest.mark.parametrize(("arguments", "text"), [
+    (["--stars", "0"], "--stars must be a number greater than 0"),
+    (["--timeout-s", "nan"], "--timeout-s must be a number greater than 0"),
+])
+def test_an_option_that_cannot_be_used_is_refused(capsys, arguments, text):
+    assert text in refusal(capsys, *arguments)
+
+
+def test_without_ros_it_says_so(capsys, monkeypatch):
+    monkeypatch.delitem(sys.modules, "star_tracker.nodes.watch.node")
+    monkeypatch.delattr("star_tracker.nodes.watch.node")
+    for name in [name for name in sys.modules if name.split(".")[0] == "rclpy"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    text = refusal(capsys)
+    assert text.startswith("star_tracker watch: this command needs ROS 2, which cannot be")
+
+
+def test_nothing_heard_gives_exit_code_2_and_says_where_there_is_a_node(namespace):
+    process = start_watch("--namespace", "/nobody", "--once", "--timeout-s", "5")
+    code, out, err = ended(process)
+    assert (code, out) == (2, "")
+    assert err == (
+        "star_tracker watch: nothing heard of an identify_node in namespace /nobody within 5 s: "
+        f"there is one with --namespace {namespace}\n"
+    )
