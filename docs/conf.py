@@ -75,7 +75,7 @@ _ELSEWHERE = {
 _ITEM = re.compile(r" {4}(\w+(?:, \w+)*): (.*)")
 
 
-def list_arguments(app, what, name, obj, options, lines):  # noqa: PLR0917
+def list_arguments(app, what, name, obj, options, lines):
     """Turn the lists below `Args:` and `Attributes:` into definition lists.
 
     Not napoleon: it takes what stands before a colon in any attribute's docstring for a type.
@@ -101,7 +101,7 @@ def name_factories(app, what, name, obj, options, signature, returns):  # noqa: 
     return signature and signature.replace("<factory>", "..."), returns
 
 
-def skip(app, what, name, obj, skipped, options):  # noqa: PLR0917
+def skip(app, what, name, obj, skipped, options):
     """Leave out what only says `Alias for field number 0`, but not the members of an enum."""
     if type(obj).__name__ == "_tuplegetter":
         return True

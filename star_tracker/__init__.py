@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from star_tracker.solution import Status as Status
     from star_tracker.tracker import StarTracker as StarTracker
 
+__all__ = [
+    "Camera", "FeatureDatabase", "Solution", "SolveSettings", "StarCatalog", "StarTracker",
+    "Status",
+]
 #: Where each public name lives.
 _HOMES = {
     "Camera": "star_tracker.optics.camera",

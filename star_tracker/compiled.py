@@ -2,9 +2,9 @@
 
 numba's own cache notices a change of the file that a function stands in, not of the functions
 that it calls in other files: an upgrade could go on running the old machine code. So the cache
-lies in a folder named after all sources of this package, and a changed source means a new folder.
-It is made below NUMBA_CACHE_DIR, or else in the package's cache folder (`resources.py`). Where it
-cannot be written, each process compiles for itself.
+lies in a folder named after the sources of all compiled folders (`resources.COMPILED_ROOMS`), and
+a changed source means a new folder. It is made below NUMBA_CACHE_DIR, or else in the package's
+cache folder (`resources.py`). Where it cannot be written, each process compiles for itself.
 """
 
 import os
@@ -15,6 +15,8 @@ from typing import Any
 
 import numba
 from numba.core import config as numba_config
+from numba.core import types
+from numba.experimental import structref
 
 from star_tracker.resources import cache_folder, sources_digest
 
@@ -70,6 +72,37 @@ def _cache_folder() -> Path | None:
     except OSError:
         return None
     return folder
+
+
+def struct(name: str, module: str, fields: tuple[str, ...]) -> tuple[Any, Any]:
+    """Return (type, constructor) of a struct for compiled code: named fields behind one pointer.
+
+    It is made by calling the constructor in a compiled function: in Python it would be compiled in
+    each process. Both must be assigned at the top of `module` as `<name>Type` and `<name>`, as the
+    cache looks them up there. Python hands a struct over, and keeps the arrays that it reads: a
+    field read by name compiles a function for it first, which is for tests and debugging.
+    """
+
+    def widened(_: Any, typed: Any) -> Any:
+        return tuple((field, types.unliteral(kind)) for field, kind in typed)
+
+    kind = type(
+        f"{name}Type", (types.StructRef,), {"__module__": module, "preprocess_fields": widened}
+    )
+    readers: dict[str, Any] = {field: property(_reader(field)) for field in fields}
+    proxy = type(name, (structref.StructRefProxy,), {"__module__": module, **readers})
+    structref.define_proxy(proxy, structref.register(kind), list(fields))
+    return kind, proxy
+
+
+def _reader(field: str) -> Callable[[Any], Any]:
+    """Return a function that reads a field of a struct in Python."""
+
+    @numba.njit
+    def read(one: Any) -> Any:
+        return getattr(one, field)
+
+    return read
 
 
 @compiled

@@ -1,8 +1,7 @@
 """The whole path: centroids -> vectors -> candidates -> verified identification -> attitude."""
 
 import time
-from collections.abc import Iterator
-from itertools import zip_longest
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,37 +9,22 @@ from numpy.typing import ArrayLike
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification import fallback as radial_cyclic
-from star_tracker.identification.evidence import evidence
-from star_tracker.identification.field import StarField, Step
-from star_tracker.identification.judge import Sky, verify
-from star_tracker.identification.labels import Identification
-from star_tracker.identification.path import (
-    BEGIN,
-    COVARIANCE,
-    GO_ON,
-    LABEL,
-    LENS,
-    LOST_IN_SPACE,
-    MIN_STARS,
-    NO_ROTATION,
-    NUMBERS,
-    RMS,
-    SOLVED,
-    TOO_FEW,
-    TOO_MANY,
-    TRACK,
-    TRACKING,
-    USABLE,
-    FrameResult,
-    Search,
-    follow,
+from star_tracker.identification import fallback
+from star_tracker.identification.ended import MIN_STARS, Ended
+from star_tracker.identification.engine import (
+    Results,
+    Sizes,
+    make_engine,
+    make_scratch,
 )
-from star_tracker.identification.search import MORE, Progress, keep
-from star_tracker.identification.votes import vote_counts
+from star_tracker.identification.escalation import Candidates, Escalation, Verdict
+from star_tracker.identification.evidence import evidence
+from star_tracker.identification.judge import View
+from star_tracker.identification.labels import LABEL, Identification
+from star_tracker.identification.search import Limits
+from star_tracker.identification.searcher import METHODS, Searcher, Task
 from star_tracker.optics.camera import Camera
-from star_tracker.optics.distortion import NOT_INVERTIBLE
-from star_tracker.solution import METHODS, Solution, SolveSettings, Status
+from star_tracker.solution import Solution, SolveSettings, Status, frozen
 
 #: Decades of evidence that end the search at once, where half of the centroids are matched (else
 #: it takes twice as many: a cluster can carry a pose whose roll is off). Weaker evidence that is
@@ -49,17 +33,13 @@ from star_tracker.solution import METHODS, Solution, SolveSettings, Status
 #: real sky seen in a mirror has look-alikes along lines of stars (benchmark/wrong_solutions.py).
 _CERTAIN = 8.0
 _SECOND_LOOK = 10.0
-#: Where the parity is known the other one has to fit better by more than rounding to raise doubt.
-#: Where it is not, a solution that is not certain needs this lead over the other
-#: parity's; in any case over other poses of its own.
-_MIRROR_LEAD = 0.01
-_PARITY_LEAD = 4.0
-_POSE_LEAD = 1.0
-#: Work, in votes, between two looks at the clock: less than 0.1 ms.
+#: Work, in votes, between two looks at the clock: less than 1 ms.
 _WORK = 20_000.0
-#: With method auto, the share of the deadline after which the primary makes way for the fallback.
-_PRIMARY_SHARE = 0.5
 _UNKNOWN = np.empty(0)
+_STATUS = {
+    Ended.EXHAUSTED: Status.NO_MATCH, Ended.AMBIGUOUS: Status.AMBIGUOUS,
+    Ended.MORE: Status.TIMEOUT,
+}
 
 
 class StarTracker:
@@ -73,47 +53,41 @@ class StarTracker:
         database: guide stars and their features.
         camera: the camera; its parity may be `auto`.
         settings: tolerances, thresholds and limits.
+        candidates: a second matcher in place of the package's own fallback: a function that
+            yields candidates for a field (`fallback.candidates`), as studies compare them.
 
     Raises ValueError where the camera's distortion cannot be inverted over the image, the
     catalogue is too dense for the fallback or its ring factors do not divide the rings.
     """
 
     def __init__(
-        self, database: FeatureDatabase, camera: Camera, settings: SolveSettings | None = None
+        self, database: FeatureDatabase, camera: Camera, settings: SolveSettings | None = None,
+        *, candidates: Candidates | None = None,
     ) -> None:
         self.database = database
         self.camera = camera
-        self.settings = s = settings or SolveSettings()
-        self._methods = METHODS if s.method == "auto" else (s.method,)
+        self.settings = settings or SolveSettings()
+        method = self.settings.method
+        self._primary = method != METHODS[1]
         # Refuses what cannot work before any frame comes, and builds the fallback's patterns.
-        radius = camera.radius_rad
-        if "radial_cyclic" in self._methods:
-            for factor in s.radial_cyclic.ring_factors:
+        if method != METHODS[0] and candidates is None:
+            candidates = partial(
+                fallback.candidates, database, settings=self.settings.radial_cyclic
+            )
+            for factor in self.settings.radial_cyclic.ring_factors:
                 database.patterns.level(factor)
             _ = database.pattern_pairs
-        # The parity that is asked for comes first, its mirror image second.
-        parities = camera.definite()
-        if len(parities) == 1:
-            parities += (camera.with_parity(
-                "normal" if camera.parity == "mirrored" else "mirrored"
-            ),)
-        self._searches = [Search(one, one.optics, Progress.blank()) for one in parities]
-        n, pairs = len(database.catalog), database.pairs
-        self._evidence = evidence(n + s.max_centroids, s.centroid_sigma_px)
-        enough = -s.max_log10_false_alarms
-        self._limits = np.array([
-            max(_CERTAIN, enough), enough, _SECOND_LOOK, s.match_group.cells, _WORK,
-            s.displaced_gate_px, s.max_centroids, radius, pairs.max_separation_rad,
-            self._evidence.freedom, self._evidence.scale_px2, s.match_group.voting == "plain",
-        ])
-        primary = METHODS[0] in self._methods
-        levels = s.match_group.levels if primary else np.empty((0, 4))
-        self._fixed = (
-            np.ascontiguousarray(database.catalog.v_mag, float), *database.sky_index,
-            *pairs[:-1], self._evidence.log_factorial, *vote_counts(n),
-            np.empty(n, np.int64), np.empty((n, 3)), np.empty(n, np.int64), levels, self._limits,
+        enough = -self.settings.max_log10_false_alarms
+        limits = Limits(
+            max(_CERTAIN, enough), enough, _SECOND_LOOK, _WORK, self.settings.displaced_gate_px
         )
-        self.solve(np.zeros((0, 2)))  # compiles
+        searchers = self._searchers(limits)
+        self._first = searchers[0]
+        self._escalation = Escalation(
+            searchers, limits, both=camera.parity == "auto", fallback=candidates,
+            primary=self._primary,
+        )
+        self.solve(np.zeros((0, 2)))  # compiles what nearly every frame needs
 
     def solve(
         self,
@@ -129,11 +103,57 @@ class StarTracker:
         one that is not positive counts as unknown. A predicted attitude, a rotation (3, 3) camera
         to ICRS or an earlier solution, is tried first (where the parity is known): what comes of
         it is held to the same evidence as anything else, and where it fails the search starts as
-        if lost in space. Centroids that are not finite or lie outside of the image are left out
-        and counted. A deadline, ms, holds for this frame instead of that of the settings. Raises
-        ValueError only for an array of another shape, and a deadline that is not above 0.
+        if lost in space. Centroids that are not finite, lie outside of the image or have no ray of
+        the lens are left out and counted. A deadline, ms, holds for this frame instead of that of
+        the settings. Raises ValueError only for an array of another shape, and a deadline that is
+        not above 0.
         """
-        started = time.perf_counter()
+        task = self._task(xy_px, intensity, deadline_ms)
+        first = self._first
+        if predicted is not None and self._track(task, predicted):
+            return _solved(task, first, 0)
+        first.follow(task)
+        if first.ended == Ended.SOLVED:  # nearly every frame
+            return _solved(task, first, first.n_hypotheses)
+        if first.ended in (Ended.TOO_FEW, Ended.TOO_MANY):
+            return self._refused(task, first.ended)
+        verdict = self._escalation.run(task)
+        if verdict.ended == Ended.SOLVED:
+            return _solved(task, verdict.best, verdict.n_hypotheses)
+        return self._unsolved(task, _STATUS[verdict.ended], verdict.reason, verdict)
+
+    def _searchers(self, limits: Limits) -> list[Searcher]:
+        """Make a searcher for each parity: that which is asked for, and its mirror image."""
+        s, database, camera = self.settings, self.database, self.camera
+        cameras = camera.definite()
+        if len(cameras) == 1:
+            mirror = "normal" if camera.parity == "mirrored" else "mirrored"
+            cameras += (camera.with_parity(mirror),)
+        n = len(database.catalog)
+        levels = s.match_group.levels[: None if self._primary else 0]
+        companions = max([level["companions"] for level in levels], default=1)
+        sizes = Sizes(n, s.max_centroids, int(companions), s.match_group.cells)
+        scratch = make_scratch(sizes)
+        known = evidence(n + s.max_centroids, s.centroid_sigma_px)
+        v_mag = np.ascontiguousarray(database.catalog.v_mag, float)
+        searchers = []
+        for one in cameras:
+            view = View(
+                database.sky_index, v_mag, one.optics, one.focal_length_px, camera.radius_rad,
+                known,
+            )
+            results = Results.blank(s.max_centroids)
+            engine = make_engine(
+                view, database.pairs, (levels, limits), scratch, results
+            )
+            searchers.append(Searcher(one, engine, results))
+        return searchers
+
+    def _task(
+        self, xy_px: ArrayLike, intensity: ArrayLike | None, deadline_ms: float | None
+    ) -> Task:
+        """Check what came; return it with room for its labels."""
+        started_s = time.perf_counter()
         xy = np.asarray(xy_px, np.float64, order="C")
         if xy.ndim != 2 or xy.shape[1] != 2:
             raise ValueError(f"centroids have shape {xy.shape}: give an array (n, 2) of x, y")
@@ -150,20 +170,9 @@ class StarTracker:
                     f"intensities have shape {brightness.shape}: "
                     f"give one for each of {n} centroids"
                 )
-        frame = FrameResult(
-            xy, brightness,
-            Identification(np.empty(n, np.int64), np.empty(n, np.uint8), np.empty(n)),
-            np.empty(NUMBERS), started, deadline_ms,
-        )
-        first = self._searches[0]
-        if predicted is not None and self._track(frame, predicted):
-            return _solved(frame, first, 0)
-        self._run(first, frame, BEGIN)
-        if first.code == SOLVED:  # nearly every frame
-            return _solved(frame, first, first.n_hypotheses)
-        return self._refused(frame, first.code) or self._persist(frame)
+        return Task(xy, brightness, np.empty(n, LABEL), started_s, deadline_ms)
 
-    def _track(self, frame: FrameResult, predicted: Solution | Floats) -> bool:
+    def _track(self, task: Task, predicted: Solution | Floats) -> bool:
         """Try a predicted attitude; return whether it has solved the frame."""
         if isinstance(predicted, Solution):
             if predicted.attitude is None:
@@ -172,192 +181,60 @@ class StarTracker:
         rotation = np.asarray(predicted, float)
         if rotation.shape != (3, 3):
             raise ValueError(f"the predicted rotation has shape {rotation.shape}, not (3, 3)")
-        if self.camera.parity == "auto" or self._methods[0] != METHODS[0]:
+        if self.camera.parity == "auto" or not self._primary:
             return False
-        first = self._searches[0]
-        first.progress.rotation[:] = rotation
-        self._run(first, frame, TRACK)
-        if first.code == NO_ROTATION:
+        self._first.track(task, rotation)
+        if self._first.ended == Ended.NO_ROTATION:
             raise ValueError("the predicted attitude is no rotation: R^T R = 1, determinant +1")
-        return first.code == SOLVED
+        return self._first.ended == Ended.SOLVED
 
-    def _run(self, search: Search, frame: FrameResult, action: int) -> None:
-        """Take the compiled path one step farther."""
-        i = frame.identification
-        if action in (BEGIN, TRACK):
-            search.method = METHODS[0]
-            search.mode = TRACKING if action == TRACK else LOST_IN_SPACE
-        search.code = follow(
-            frame.xy_px, frame.intensity, search.optics, *self._fixed, *search.progress,
-            i.catalog_index, i.state, i.residual_px, frame.numbers, action,
-        )
-
-    def _refused(self, frame: FrameResult, code: int) -> Solution | None:
-        """Return the solution of a frame that cannot be searched, None for one that can."""
-        n, most = int(frame.numbers[USABLE]), self.settings.max_centroids
-        if code == LENS:
-            return _unsolved(frame, Status.BAD_INPUT, NOT_INVERTIBLE)
-        if code == TOO_MANY:
-            return _unsolved(
-                frame, Status.BAD_INPUT, f"{n} centroids are more than max_centroids {most}: "
-                "raise the detector's threshold",
+    def _refused(self, task: Task, ended: Ended) -> Solution:
+        """Return the solution of a frame that cannot be searched."""
+        n, n_given, most = self._first.n_usable, len(task.xy_px), self.settings.max_centroids
+        status = Status.BAD_INPUT
+        if ended == Ended.TOO_MANY:
+            reason = (
+                f"{n} centroids are more than max_centroids {most}: raise the detector's threshold"
             )
-        if code != TOO_FEW:
-            return None
-        if len(frame.xy_px) > 0 and n == 0:
-            return _unsolved(
-                frame, Status.BAD_INPUT,
-                f"all {len(frame.xy_px)} centroids are non-finite or outside of the "
+        elif n_given > 0 and n == 0:
+            reason = (
+                f"all {n_given} centroids are non-finite or outside of the "
                 f"{self.camera.width_px} x {self.camera.height_px} px image: "
-                "check the camera's size and the detector",
+                "check the camera's size and the detector"
             )
-        return _unsolved(
-            frame, Status.TOO_FEW_STARS, f"{n} stars, at least {MIN_STARS} are needed"
-        )
+        else:
+            status = Status.TOO_FEW_STARS
+            reason = f"{n} stars, at least {MIN_STARS} are needed"
+        return self._unsolved(task, status, reason)
 
-    def _persist(self, frame: FrameResult) -> Solution:
-        """Search on, under both parities where that is asked for, then with the fallback."""
-        asked = self._searches[: 2 if self.camera.parity == "auto" else 1]
-        deadline = frame.started + frame.deadline_ms / 1e3
-        n_hypotheses = self._search_on(asked, frame, deadline) + _compared(asked)
-        for one in asked:
-            if one.code == SOLVED:
-                return _solved(frame, one, n_hypotheses)
-        best = max(asked, key=lambda one: one.score)
-        in_time = all(one.code != MORE for one in asked)
-        found = f"the best of {n_hypotheses} hypotheses has log10 false alarms {-best.score:.1f}"
-        status, reason = Status.NO_MATCH, found
-        if best.score > self._limits[0]:  # found by the fallback
-            status, in_time = Status.SOLVED, True
-        elif best.score > self._limits[1]:
-            status, reason = self._doubt(best, asked, frame, deadline)
-            in_time = in_time and status is not Status.TIMEOUT
-        if not in_time:
-            status = Status.TIMEOUT
-            reason = f"deadline {frame.deadline_ms:g} ms passed, {found}"
-        if status is not Status.SOLVED:
-            return _unsolved(frame, status, reason, best.score, n_hypotheses)
-        self._run(best, frame, LABEL)
-        return _solved(frame, best, n_hypotheses)
-
-    def _search_on(self, asked: list[Search], frame: FrameResult, deadline: float) -> int:
-        """Let the primary go on, the fallback have its turn, and the primary what time is left.
-
-        Ends where something is solved. Returns the hypotheses that the fallback has compared.
-        """
-        for other in asked[1:]:
-            self._run(other, frame, BEGIN)
-            if other.code == SOLVED:
-                return 0
-        if self._methods[-1] == METHODS[0]:
-            self._exhaust(asked, frame, deadline)
-            return 0
-        share = _PRIMARY_SHARE * frame.deadline_ms / 1e3
-        self._exhaust(asked, frame, frame.started + share)
-        n_fallback = 0
-        if max(one.score for one in asked) <= self._limits[1]:
-            n_fallback = self._fall_back(asked, frame, deadline)
-        unsolved = max(one.score for one in asked) <= self._limits[0]
-        if unsolved and time.perf_counter() < deadline:
-            self._exhaust(asked, frame, deadline)
-        return n_fallback
-
-    def _exhaust(self, searches: list[Search], frame: FrameResult, deadline: float) -> None:
-        """Go on in turn until a search has solved the frame, all have ended or time is up.
-
-        Those that time has stopped keep the code MORE.
-        """
-        while any(one.code == MORE for one in searches):
-            for one in searches:
-                if one.code == MORE:
-                    self._run(one, frame, GO_ON)
-                if one.code == SOLVED or time.perf_counter() > deadline:
-                    return
-
-    def _doubt(
-        self, best: Search, asked: list[Search], frame: FrameResult, deadline: float
-    ) -> tuple[Status, str]:
-        """Hold a pose that is good enough, but not certain, against its rivals."""
-        other = self._searches[1 - self._searches.index(best)]
-        if other not in asked:
-            self._run(other, frame, BEGIN)
-            self._exhaust([other], frame, deadline)
-            if other.code == MORE:
-                return Status.TIMEOUT, ""
-        if len(asked) == 2 and other.score > best.score - _PARITY_LEAD:
-            return Status.AMBIGUOUS, (
-                "the sky and its mirror image fit about as well: set parity to normal or mirrored"
-            )
-        if other.score > best.score + _MIRROR_LEAD:
-            return Status.AMBIGUOUS, (
-                f"the mirror image of the sky fits better: set parity to {other.camera.parity}"
-            )
-        if best.progress.score[1] > best.score - _POSE_LEAD:
-            return Status.AMBIGUOUS, "two attitudes fit about as well"
-        return Status.SOLVED, ""
-
-    def _fall_back(
-        self, asked: list[Search], frame: FrameResult, deadline: float
-    ) -> int:
-        """Judge the candidates of the fallback; return how many hypotheses were compared."""
-        n_compared = [0] * len(asked)
-        fields = [
-            StarField.from_pixels(one.camera, frame.xy_px, frame.intensity) for one in asked
-        ]
-        for at, (n, candidate) in self._candidates(fields):
-            one, n_compared[at] = asked[at], n
-            if candidate is not None:
-                verified = verify(self._sky(one), fields[at], candidate)
-                if verified is not None:
-                    before = one.score
-                    score = -verified.log10_false_alarms
-                    keep(one.progress, score, 0, verified.tolerance_px, verified.rotation)
-                    if one.score > before:
-                        one.method = METHODS[1]
-                    if score > self._limits[0]:
-                        break
-            if time.perf_counter() > deadline:
-                one.code = MORE
-                break
-        return sum(n_compared)
-
-    def _candidates(self, fields: list[StarField]) -> Iterator[tuple[int, Step]]:
-        """Yield (place of the field, step of the fallback), the fields in turn."""
-        sources = [
-            radial_cyclic.candidates(self.database, one, self.settings.radial_cyclic)
-            for one in fields
-        ]
-        for steps in zip_longest(*sources):
-            yield from ((at, step) for at, step in enumerate(steps) if step is not None)
-
-    def _sky(self, search: Search) -> Sky:
-        """Return the guide stars as a search's camera sees them."""
-        return Sky(
-            self.database.sky_index, self._fixed[0], search.optics, self.camera.radius_rad,
-            self._evidence,
+    def _unsolved(
+        self, task: Task, status: Status, reason: str, verdict: Verdict | None = None
+    ) -> Solution:
+        """Return the solution of a frame that has none."""
+        return Solution(
+            status, reason, Identification.empty(len(task.xy_px)),
+            log10_false_alarms=float("inf") if verdict is None else -verdict.best.score,
+            n_hypotheses=0 if verdict is None else verdict.n_hypotheses,
+            n_ignored=len(task.xy_px) - self._first.n_usable, solve_ms=task.elapsed_ms,
         )
 
 
-def _compared(searches: list[Search]) -> int:
-    return sum(one.n_hypotheses for one in searches)
-
-
-def _solved(frame: FrameResult, search: Search, n_hypotheses: int) -> Solution:
+def _solved(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
     """Return the solution of a labelled frame."""
-    v = frame.numbers
-    attitude = Attitude(v[:4], v[COVARIANCE:RMS].reshape(3, 3), *v[4:COVARIANCE].tolist())
-    return Solution(
-        Status.SOLVED, "identified", frame.identification, attitude, search.method,
-        search.camera.parity, search.wrong_probability, -search.score, float(v[RMS]),
-        n_hypotheses, frame.n_ignored, frame.elapsed_ms, search.mode,
-    )
-
-
-def _unsolved(
-    frame: FrameResult, status: Status, reason: str, score: float = -np.inf, n_hypotheses: int = 0
-) -> Solution:
-    """Return the solution of a frame that has none."""
-    return Solution(
-        status, reason, Identification.empty(len(frame.xy_px)), log10_false_alarms=-score,
-        n_hypotheses=n_hypotheses, n_ignored=frame.n_ignored, solve_ms=frame.elapsed_ms,
+    labels, results = task.labels, searcher.results
+    n_usable, ra, dec, roll, rms_px = results.outcome.item()
+    return frozen(
+        Solution, status=Status.SOLVED, reason="identified",
+        identification=frozen(
+            Identification, catalog_index=labels["catalog_index"], state=labels["state"],
+            residual_px=labels["residual_px"],
+        ),
+        attitude=frozen(
+            Attitude, quaternion_xyzw=results.quaternion.copy(),
+            covariance_rad2=results.covariance.copy(), ra_rad=ra, dec_rad=dec, roll_rad=roll,
+        ),
+        method=searcher.method, parity=searcher.camera.parity,
+        wrong_probability=searcher.wrong_probability, log10_false_alarms=-searcher.score,
+        rms_px=rms_px, n_hypotheses=n_hypotheses, n_ignored=len(labels) - n_usable,
+        solve_ms=task.elapsed_ms, mode=searcher.mode,
     )

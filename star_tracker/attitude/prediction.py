@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from star_tracker.geometry.rotation import rotation_matrix
 from star_tracker.geometry.spherical import Floats
 
 #: How a node uses a prediction: `auto` = wherever there is one, `lost_in_space` = never.
@@ -53,7 +54,7 @@ class Predictor:
         age_s = (stamp_ns - fixed_ns) / 1e9
         if age_s > self._max_age_s:
             return None
-        return _matrix(_product(quaternion, _turn(self._rate, age_s)))
+        return rotation_matrix(np.array(_product(quaternion, _turn(self._rate, age_s))))
 
     def add(self, stamp_ns: int, quaternion_xyzw: Floats) -> None:
         """Take in a fix: the unit quaternion (4,) that turns camera-frame vectors into ICRS."""
@@ -99,13 +100,3 @@ def _rate(turn: Quaternion, seconds: float) -> tuple[float, float, float]:
     sine = math.hypot(x, y, z)
     scale = 2 * math.atan2(sine, w) / (sine * seconds) if sine > 0 else 0.0
     return x * scale, y * scale, z * scale
-
-
-def _matrix(quaternion: Quaternion) -> Floats:
-    """Return the rotation matrix (3, 3) of a unit quaternion."""
-    x, y, z, w = quaternion
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])

@@ -6,7 +6,9 @@ A rotation matrix R turns camera-frame vectors into ICRS: v_icrs = R v_camera.
 import numpy as np
 from numpy.typing import NDArray
 
+from star_tracker.attitude.information import adjugate, determinant, with_direction
 from star_tracker.compiled import compiled
+from star_tracker.geometry.rotation import write_rotation
 from star_tracker.geometry.spherical import Floats
 
 #: Below this determinant of the information (of one star's) the directions are nearly on one line
@@ -14,6 +16,7 @@ from star_tracker.geometry.spherical import Floats
 _MIN_INFORMATION = 1e-12
 #: Directions within this chord of the first are a narrow field.
 _NARROW = 0.02
+_Three = tuple[int, int, int]
 
 
 def wahba(camera_vectors: Floats, icrs_vectors: Floats) -> Floats:
@@ -69,7 +72,7 @@ def solve_wahba(
         _rotation_of_profile(b, k, rotation)
     determined = True
     for _ in range(steps):
-        determined &= refine(camera, observed, icrs, catalog, k, rotation)[0]
+        determined &= refine(camera, observed, icrs, catalog, k, rotation)
     return determined
 
 
@@ -149,7 +152,7 @@ def _rotation_of_profile(b: Floats, k: int, rotation: Floats) -> None:
         if length2 > longest:
             longest = length2
             q[0], q[1], q[2], q[3] = q0, q1, q2, q3
-    _rotation_of_quaternion(q, rotation)
+    write_rotation(q, rotation)
 
 
 @compiled
@@ -160,7 +163,7 @@ def _largest_eigenvalue(b: Floats, m: Floats, k: int) -> float:
     for i in range(3):
         for j in range(3):
             c2 -= 2 * b[i, j] * b[i, j]
-    c1 = -8 * _determinant3(b, 0, 1, 2, 0, 1, 2)
+    c1 = -8 * _determinant3(b, (0, 1, 2), (0, 1, 2))
     c0 = 0.0
     for j in range(4):
         c0 += m[0, j] * _cofactor4(m, 0, j)
@@ -177,8 +180,10 @@ def _largest_eigenvalue(b: Floats, m: Floats, k: int) -> float:
 
 
 @compiled
-def _determinant3(m: Floats, a: int, b: int, c: int, d: int, e: int, f: int) -> float:
-    """Return the determinant of rows a, b, c and columns d, e, f of a matrix."""
+def _determinant3(m: Floats, rows: _Three, columns: _Three) -> float:
+    """Return the determinant of three rows and columns of a matrix."""
+    a, b, c = rows
+    d, e, f = columns
     return (
         m[a, d] * (m[b, e] * m[c, f] - m[b, f] * m[c, e])
         - m[a, e] * (m[b, d] * m[c, f] - m[b, f] * m[c, d])
@@ -189,25 +194,10 @@ def _determinant3(m: Floats, a: int, b: int, c: int, d: int, e: int, f: int) -> 
 @compiled
 def _cofactor4(m: Floats, i: int, j: int) -> float:
     """Return the cofactor of an element of a 4 x 4 matrix."""
-    a, b, c = (1 if i < 1 else 0), (2 if i < 2 else 1), (3 if i < 3 else 2)
-    d, e, f = (1 if j < 1 else 0), (2 if j < 2 else 1), (3 if j < 3 else 2)
-    value = _determinant3(m, a, b, c, d, e, f)
+    rows = (1 if i < 1 else 0), (2 if i < 2 else 1), (3 if i < 3 else 2)
+    columns = (1 if j < 1 else 0), (2 if j < 2 else 1), (3 if j < 3 else 2)
+    value = _determinant3(m, rows, columns)
     return value if (i + j) % 2 == 0 else -value
-
-
-@compiled
-def _rotation_of_quaternion(q: Floats, rotation: Floats) -> None:
-    """Write the rotation matrix of a quaternion (x, y, z, w) of any length but 0."""
-    length2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-    if length2 == 0.0:
-        q[3] = length2 = 1.0
-    s = 2.0 / length2
-    x, y, z, w = q[0], q[1], q[2], q[3]
-    rotation[0, 0], rotation[0, 1] = 1 - s * (y * y + z * z), s * (x * y - z * w)
-    rotation[0, 2], rotation[1, 0] = s * (x * z + y * w), s * (x * y + z * w)
-    rotation[1, 1], rotation[1, 2] = 1 - s * (x * x + z * z), s * (y * z - x * w)
-    rotation[2, 0], rotation[2, 1] = s * (x * z - y * w), s * (y * z + x * w)
-    rotation[2, 2] = 1 - s * (x * x + y * y)
 
 
 @compiled
@@ -218,42 +208,36 @@ def refine(
     catalog: NDArray[np.int64],
     k: int,
     rotation: Floats,
-) -> tuple[bool, float]:
+) -> bool:
     """Improve a rotation that nearly fits, in place, by one step of linear least squares.
 
-    The arguments are those of `solve_wahba`. Returns whether the directions fix a rotation, and
-    the determinant of sum(I - p p^T) over the directions p, the information of `k` stars about
-    the three small angles.
+    The arguments are those of `solve_wahba`. Returns whether the directions fix a rotation.
     """
-    xx = xy = xz = yy = yz = zz = gx = gy = gz = 0.0
+    m = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    gx = gy = gz = 0.0
     r = rotation
     for i in range(k):
         u, v = camera[observed[i]], icrs[catalog[i]]
         px = r[0, 0] * u[0] + r[0, 1] * u[1] + r[0, 2] * u[2]
         py = r[1, 0] * u[0] + r[1, 1] * u[1] + r[1, 2] * u[2]
         pz = r[2, 0] * u[0] + r[2, 1] * u[1] + r[2, 2] * u[2]
-        xx += 1 - px * px
-        yy += 1 - py * py
-        zz += 1 - pz * pz
-        xy -= px * py
-        xz -= px * pz
-        yz -= py * pz
+        m = with_direction(m, px, py, pz)
         gx += py * v[2] - pz * v[1]
         gy += pz * v[0] - px * v[2]
         gz += px * v[1] - py * v[0]
-    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    determinant = xx * a + xy * b + xz * c
-    if not determinant > _MIN_INFORMATION * k * k * k:
-        return False, 0.0
+    a = adjugate(m)
+    size = determinant(m, a)
+    if not size > _MIN_INFORMATION * k * k * k:
+        return False
     q = np.empty(4)
-    q[0] = 0.5 * (a * gx + b * gy + c * gz) / determinant
-    q[1] = 0.5 * (b * gx + (xx * zz - xz * xz) * gy + (xz * xy - xx * yz) * gz) / determinant
-    q[2] = 0.5 * (c * gx + (xz * xy - xx * yz) * gy + (xx * yy - xy * xy) * gz) / determinant
+    q[0] = 0.5 * (a[0] * gx + a[1] * gy + a[2] * gz) / size
+    q[1] = 0.5 * (a[1] * gx + a[3] * gy + a[4] * gz) / size
+    q[2] = 0.5 * (a[2] * gx + a[4] * gy + a[5] * gz) / size
     q[3] = 1.0
     turn = np.empty((3, 3))
-    _rotation_of_quaternion(q, turn)
+    write_rotation(q, turn)
     for column in range(3):
         x, y, z = r[0, column], r[1, column], r[2, column]
         for row in range(3):
             r[row, column] = turn[row, 0] * x + turn[row, 1] * y + turn[row, 2] * z
-    return True, determinant
+    return True

@@ -12,8 +12,9 @@ from dataclasses import replace
 from star_tracker.calibration.lens import calibrate
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.searcher import METHODS
 from star_tracker.optics.camera import FOV_RANGE_DEG, Camera
-from star_tracker.solution import METHODS, Solution, SolveSettings, Status
+from star_tracker.solution import Solution, SolveSettings, Status
 from star_tracker.tracker import StarTracker
 
 #: Tried fields of view, relative to the configured one; in between the search itself is tolerant.

@@ -14,10 +14,11 @@ from star_tracker.commands.options import (
     print_result,
 )
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.searcher import METHODS
 from star_tracker.maps.frame_file import read_frame
 from star_tracker.maps.star_map import paper_maps, read_star_map
 from star_tracker.optics.camera import PARITIES, Camera
-from star_tracker.solution import METHODS, SolveSettings
+from star_tracker.solution import SolveSettings
 from star_tracker.tracker import StarTracker
 
 #: A picture can wait longer for its frame than a spacecraft.

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.attitude.attitude import rotation_from_boresight
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import Floats, ra_dec
-from star_tracker.identification.path import MIN_STARS
+from star_tracker.identification.ended import MIN_STARS
 from star_tracker.maps.simulation import (
     Condition,
     boresight_angle_deg,

@@ -5,25 +5,33 @@ separation within a tolerance (5-5). In the paper each of them raises a state fl
 and the highest flag wins. Here a pair votes for a guide star *and* a roll, the difference of the
 companion's position angles in the catalogue and in the image, so that votes by chance are spread
 over 64 times as many cells and one main star is usually enough (`votes.py`). A triangle check
-(5-6) then keeps the members of a winning cell that also agree with each other. `voting="plain"`
-keeps the paper's state flags for comparison.
+(5-6) then keeps the members of a winning cell that also agree with each other. The paper's own
+flags are kept in `study/` for comparison.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.catalogue.pairs import AZIMUTH_UNITS, PairTable, first_near
-from star_tracker.compiled import compiled
+from star_tracker.attitude.pose import identity_pose
+from star_tracker.catalogue.pairs import AZIMUTH_UNITS, first_near
+from star_tracker.compiled import compiled, struct
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.field import Frame
-from star_tracker.identification.votes import ROLL_BINS, ROLL_BITS, ROLL_SHIFT, Votes, count_of
+from star_tracker.identification.votes import ROLL_BINS, ROLL_BITS, ROLL_SHIFT, count_of
 
 #: Most members of a cell that are looked at.
 MEMBERS = 64
-VOTINGS = ("directed", "plain")
 MOST_COMPANIONS = 40
+#: One level of a search: tolerance of a pair's separation, how many companions vote for a main
+#: star, how many main stars there are, and how many companions vote at a time.
+LEVEL = np.dtype([
+    ("tolerance_px", np.float64), ("companions", np.int64), ("mains", np.int64),
+    ("batch", np.int64),
+])
+#: As many main stars as the frame has stars.
+_ALL = np.iinfo(np.int64).max
 
 
 @dataclass(frozen=True)
@@ -35,14 +43,12 @@ class MatchGroupSettings:
         companions: how many of the nearest stars vote for a main star.
         cells: how many of the highest cells of a main star become candidates, at the most.
         quick: whether a short search, enough for most frames, comes before the full one.
-        voting: `directed`, or `plain` for the paper's state flags.
     """
 
     pair_tolerance_px: tuple[float, ...] = (2.0, 6.0, 12.0)
     companions: int = 20
     cells: int = 48
     quick: bool = True
-    voting: str = "directed"
 
     def __post_init__(self) -> None:
         tolerances = self.pair_tolerance_px
@@ -52,25 +58,37 @@ class MatchGroupSettings:
             raise ValueError(
                 f"companions must be from 1 to {MOST_COMPANIONS} and cells at least 1"
             )
-        if self.voting not in VOTINGS:
-            raise ValueError(f"voting {self.voting!r} is unknown: use {' or '.join(VOTINGS)}")
 
     @property
-    def levels(self) -> Floats:
-        """The search as an array (levels, 4): tolerance in px, companions, main stars, batch.
+    def levels(self) -> NDArray[np.void]:
+        """The levels of the search (levels,), of `LEVEL`.
 
         The companions of a batch vote before their best cells are judged. The short search was
         chosen for the median time over noise, missing and false stars (benchmark/RESULTS.md).
         """
         first, second = self.pair_tolerance_px[0], self.pair_tolerance_px[:2][-1]
         quick = [(first, 6, 2, 3), (first, 16, 5, 16), (second, 12, 3, 12)]
-        full = [(t, self.companions, np.inf, self.companions) for t in self.pair_tolerance_px]
-        return np.array(quick * self.quick + full)
+        full = [(t, self.companions, _ALL, self.companions) for t in self.pair_tolerance_px]
+        return np.array(quick * self.quick + full, LEVEL)
+
+
+#: Room for the highest cells (c,) with their votes, for the members of one, `observed` and
+#: `catalog`, and for the pose that they make.
+RoomType, Room = struct("Room", __name__, ("cells", "scores", "observed", "catalog", "pose"))
+
+
+@compiled
+def empty_room(n_cells: int) -> Any:
+    """Return room for so many cells."""
+    return Room(
+        np.empty(n_cells, np.int64), np.empty(n_cells, np.int64),
+        np.empty(MEMBERS + 1, np.int64), np.empty(MEMBERS + 1, np.int64), identity_pose(),
+    )
 
 
 @compiled
 def best_cells(
-    votes: Votes, begin: int, end: int, cells: NDArray[np.int64], scores: NDArray[np.int64]
+    votes: Any, begin: int, end: int, cells: NDArray[np.int64], scores: NDArray[np.int64]
 ) -> int:
     """Write the highest of the cells begin to end of `reached`; return how many were written.
 
@@ -108,40 +126,28 @@ def best_cells(
 
 @compiled
 def members(
-    pairs: PairTable,
-    votes: Votes,
-    n_companions: int,
-    cell: int,
-    tolerance_rad: float,
-    plain: bool,
-    observed: NDArray[np.int64],
-    catalog: NDArray[np.int64],
+    pairs: Any, votes: Any, n_companions: int, cell: int, tolerance_rad: float, room: Any
 ) -> int:
-    """Write the matches that voted for a cell, at most 64; return their number."""
+    """Write the matches that voted for a cell to `room`, at most 64; return their number."""
     star, roll = cell >> ROLL_BITS, cell & (ROLL_BINS - 1)
+    separation, azimuth, near_end = votes.separation, votes.azimuth, pairs.near_start[star + 1]
+    near_separation, near_azimuth = pairs.near_separation_rad, pairs.near_azimuth
     n = 0
     for i in range(n_companions):
-        row = first_near(pairs, star, votes.separation[i] - tolerance_rad)
-        farthest = np.float32(votes.separation[i] + tolerance_rad)
-        while row < pairs.near_start[star + 1] and pairs.near_separation_rad[row] < farthest:
-            turned = (pairs.near_azimuth[row] - votes.azimuth[i]) & (AZIMUTH_UNITS - 1)
+        row = first_near(pairs, star, separation[i] - tolerance_rad)
+        farthest = np.float32(separation[i] + tolerance_rad)
+        while row < near_end and near_separation[row] < farthest:
+            turned = (near_azimuth[row] - azimuth[i]) & (AZIMUTH_UNITS - 1)
             before = (roll - (turned >> ROLL_SHIFT)) & (ROLL_BINS - 1)
-            if (plain or before <= 1) and n < MEMBERS:
-                observed[n], catalog[n] = votes.companion[i], pairs.near_companion[row]
+            if before <= 1 and n < MEMBERS:
+                room.observed[n], room.catalog[n] = votes.companion[i], pairs.near_companion[row]
                 n += 1
             row += 1
     return n
 
 
 @compiled
-def triangle_check(
-    frame: Frame,
-    vectors: Floats,
-    observed: NDArray[np.int64],
-    catalog: NDArray[np.int64],
-    n: int,
-    tolerance_rad: float,
-) -> int:
+def triangle_check(frame: Any, guides: Any, room: Any, n: int, tolerance_rad: float) -> int:
     """Keep the members whose mutual separations agree with the best member's; return how many.
 
     Two members close a triangle with the main star when their separation in the image and in the
@@ -149,11 +155,15 @@ def triangle_check(
     returned where no two agree. A star that is a member twice over does not agree with itself,
     as its separation is 0 on one side only.
     """
+    observed, catalog = room.observed, room.catalog
+    camera_vectors, sky_vectors = frame.vectors, guides.vectors
     hub, most = 0, 0
     for i in range(n):
         partners = 0
         for j in range(n):
-            partners += i != j and _agree(frame, vectors, observed, catalog, i, j, tolerance_rad)
+            in_image = _chord(camera_vectors, observed[i], observed[j])
+            in_sky = _chord(sky_vectors, catalog[i], catalog[j])
+            partners += i != j and abs(in_image - in_sky) <= tolerance_rad
         if partners > most:
             hub, most = i, partners
     if most == 0:
@@ -161,26 +171,12 @@ def triangle_check(
     k = 0
     hub_observed, hub_catalog = observed[hub], catalog[hub]
     for i in range(n):
-        chord = _chord(frame.vectors, hub_observed, observed[i])
-        agrees = abs(chord - _chord(vectors, hub_catalog, catalog[i])) <= tolerance_rad
+        chord = _chord(camera_vectors, hub_observed, observed[i])
+        agrees = abs(chord - _chord(sky_vectors, hub_catalog, catalog[i])) <= tolerance_rad
         if i == hub or agrees:
             observed[k], catalog[k] = observed[i], catalog[i]
             k += 1
     return k
-
-
-@compiled
-def _agree(
-    frame: Frame,
-    vectors: Floats,
-    observed: NDArray[np.int64],
-    catalog: NDArray[np.int64],
-    i: int,
-    j: int,
-    tolerance_rad: float,
-) -> bool:
-    in_image = _chord(frame.vectors, observed[i], observed[j])
-    return abs(in_image - _chord(vectors, catalog[i], catalog[j])) <= tolerance_rad
 
 
 @compiled

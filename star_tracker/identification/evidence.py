@@ -21,12 +21,13 @@ Lang et al. (2010) for a likelihood ratio in the service of astrometry.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
+from star_tracker.attitude.information import adjugate, determinant, with_direction
 from star_tracker.compiled import compiled
 from star_tracker.geometry.spherical import Floats
 
@@ -71,57 +72,43 @@ def evidence(most: int, centroid_sigma_px: float) -> Evidence:
 
 @compiled
 def strongest(
-    e: Evidence,
-    vectors: Floats,
-    observed: NDArray[np.int64],
-    residual2: Floats,
-    n_matched: int,
-    n_predicted: int,
-    optics: Floats,
+    sky: Any, frame: Any, matches: Any, n_matched: int, n_predicted: int
 ) -> tuple[int, float]:
     """Return how many of the best matches carry most evidence (3 or more), and its log10.
 
     Args:
-        e: factorials and the noise.
-        vectors: (n, 3) unit vectors of all centroids of the frame.
-        observed: indices of the matched ones, in ascending order of
-        residual2: squared residuals, px^2.
+        sky: camera and `Evidence`.
+        frame: all centroids.
+        matches: the matched ones, `observed`, in ascending order of `residual2`.
         n_matched: how many there are, 3 or more.
         n_predicted: m, how many guide stars are in the image.
-        optics: the camera.
     """
-    n, m = len(vectors), max(n_predicted, n_matched)
-    focal_px = np.sqrt(optics[2] * optics[3])
+    e, optics, vectors, observed = sky.evidence, sky.optics, frame.vectors, matches.observed
+    n, m = frame.n, max(n_predicted, n_matched)
     constant = (
         -np.log(min(n, m) + 1.0)
         - e.log_factorial[n] - e.log_factorial[m]
-        + 1.5 * np.log(2 * np.pi) - np.log(8 * np.pi**2) - 3 * np.log(focal_px)
+        + 1.5 * np.log(2 * np.pi) - np.log(8 * np.pi**2) - 3 * np.log(sky.focal_px)
         - math.lgamma(0.5 * e.freedom) + 0.5 * e.freedom * np.log(0.5 * e.scale_px2)
     )
     per_star = np.log(optics[0] * optics[1] / (2 * np.pi))
-    xx = xy = xz = yy = yz = zz = s = 0.0
+    information = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    s = 0.0
     half = 0.5 * (e.freedom + 3)
     log_gamma = math.lgamma(half)
     best, most = -np.inf, 0
     for i in range(n_matched):
         b = vectors[observed[i]]
-        xx += 1 - b[0] * b[0]
-        yy += 1 - b[1] * b[1]
-        zz += 1 - b[2] * b[2]
-        xy -= b[0] * b[1]
-        xz -= b[0] * b[2]
-        yz -= b[1] * b[2]
-        s += residual2[i]
+        information = with_direction(information, b[0], b[1], b[2])
+        s += matches.residual2[i]
         k = i + 1
         if k < 3:
             continue
-        determinant = (
-            xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
-        )
+        size = determinant(information, adjugate(information))
         value = (
             constant + k * per_star
             + e.log_factorial[n - k] + e.log_factorial[k] + e.log_factorial[m - k]
-            - 0.5 * np.log(max(determinant, 1e-300))
+            - 0.5 * np.log(max(size, 1e-300))
             + log_gamma - half * np.log(0.5 * (s + e.scale_px2))
         )
         if value > best:

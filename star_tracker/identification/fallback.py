@@ -5,11 +5,12 @@ similarity f_T (5-11, 5-12) counts against a guide star each of its neighbours t
 not show, so that the edge of the field and missing stars ruin it. Here only what is observed
 counts: observed bits, raw, against catalogue bits, compensated, as a likelihood ratio. A cyclic
 alignment then looks for the roll that brings most neighbours of similar separation together. The
-shared verification judges the result. `similarity="paper"` keeps the printed rule for comparison.
+shared judge judges the result. The printed rule is kept in `study/` for comparison.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,56 @@ from numpy.typing import NDArray
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.patterns import Pattern, PatternLevel, PatternSettings, star_pattern
 from star_tracker.geometry.spherical import Floats, position_angle, separation
-from star_tracker.identification.field import CAMERA_POLE, Candidate, StarField, Step
 
+#: Position angles in the camera are counted from the image's up direction, -y of the frame.
+CAMERA_POLE = (0.0, -1.0, 0.0)
 #: An observed star's nearest neighbours up to this number make its pattern. Only a frame full of
 #: false stars has more; their pairs would set every bit, and take time that grows with the square.
 _MAX_NEIGHBOURS = 60
 #: Neighbours belong together when their rolls differ less than this.
 _ALIGNED_RAD = float(np.radians(5.6))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis: observed stars `observed[i]` are guide stars `catalog[i]`.
+
+    Attributes:
+        observed: (k,) indices into the field's stars.
+        catalog: (k,) catalogue indices.
+        tolerance_px: position tolerance with which the match was found.
+    """
+
+    observed: NDArray[np.intp]
+    catalog: NDArray[np.intp]
+    tolerance_px: float
+
+
+#: What the matcher yields: how many hypotheses it has compared so far, and a candidate if this
+#: step brought one. Steps without a candidate let the caller look at the clock.
+Step = tuple[int, Candidate | None]
+Steps = Iterator[Step]
+
+
+@dataclass(frozen=True)
+class StarField:
+    """A frame's usable stars: unit vectors (n, 3) in the optical frame, and the focal length."""
+
+    vectors: Floats
+    focal_px: float
+
+    @cached_property
+    def from_centre(self) -> NDArray[np.intp]:
+        """Star indices in order of distance from the boresight, nearest first."""
+        return np.argsort(-self.vectors[:, 2], kind="stable")
+
+    def neighbours(self, star: int, count: int) -> tuple[NDArray[np.intp], Floats, Floats]:
+        """Return the `count` nearest other stars: index, separation and position angle, rad."""
+        separations = np.asarray(separation(self.vectors, self.vectors[star]))
+        nearest = np.argsort(separations, kind="stable")
+        nearest = nearest[nearest != star][:count]
+        angle = position_angle(self.vectors[star], self.vectors[nearest], CAMERA_POLE)
+        return nearest, separations[nearest], angle
 
 
 @dataclass(frozen=True)
@@ -34,26 +78,20 @@ class RadialCyclicSettings:
         ring_factors: the patterns' rings are widened by these factors, in turn.
         mains: how many of the stars nearest to the image's centre are compared.
         matches: how many guide stars are considered for each main star.
-        similarity: `likelihood`, or `paper` for the printed f_T.
     """
 
     ring_factors: tuple[int, ...] = (1, 2, 4)
     mains: int = 15
     matches: int = 20
-    similarity: str = "likelihood"
 
     def __post_init__(self) -> None:
-        if self.similarity not in SIMILARITIES:
-            raise ValueError(
-                f"similarity {self.similarity!r} is unknown: use {' or '.join(SIMILARITIES)}"
-            )
         if not self.ring_factors or min(*self.ring_factors, self.mains, self.matches) < 1:
             raise ValueError("ring_factors, mains and matches must be at least 1")
 
 
 def candidates(
     database: FeatureDatabase, field: StarField, settings: RadialCyclicSettings
-) -> Iterator[Step]:
+) -> Steps:
     """Yield candidates, the most similar pairs of main star and guide star first.
 
     There is also a step for each main star looked at and each pair that the alignment refuses.
@@ -71,16 +109,16 @@ def candidates(
             yield n_compared, None
             pattern = star_pattern(
                 field.vectors[main.star], field.vectors[main.neighbour], level.settings,
-                pole=CAMERA_POLE, compensated=settings.similarity == "paper",
+                pole=CAMERA_POLE, compensated=False,
             )
-            rows.append(SIMILARITIES[settings.similarity](level, [pattern]))
+            rows.append(_likelihood(level, [pattern]))
         yield n_compared, None
         similarity = np.concatenate(rows)
         ring_rad = level.settings.ring_rad
         n_compared += sum(_n_compared(database, main, ring_rad) for main in mains)
         for row, star in _most_similar(similarity, settings.matches):
             members = _align(database, mains[row], star, level.settings)
-            tolerance_px = ring_rad * field.camera.focal_length_px
+            tolerance_px = ring_rad * field.focal_px
             yield n_compared, members and Candidate(*members, tolerance_px)
 
 
@@ -123,23 +161,6 @@ def _likelihood(level: PatternLevel, observed: list[Pattern]) -> Floats:
         matching = bits @ getattr(level, name).T
         total += matching * hit + (bits.sum(axis=1)[:, None] - matching) * missed
     return total
-
-
-def _printed(level: PatternLevel, observed: list[Pattern]) -> Floats:
-    """Return -f_T (mains, stars), the printed minimum similarity difference (5-11, 5-12).
-
-    Both sides carry compensation codes.
-    """
-    total = np.zeros((len(observed), len(level.radial)))
-    for name in ("radial", "companion", "cyclic"):
-        bits = np.array([getattr(pattern, name) for pattern in observed], np.float32)
-        stars = getattr(level, name)
-        total -= (bits @ stars.T - stars.sum(axis=1)) ** 2
-    return total
-
-
-#: How the patterns are compared, by name.
-SIMILARITIES = {"likelihood": _likelihood, "paper": _printed}
 
 
 def _most_similar(similarity: Floats, count: int) -> list[tuple[int, int]]:

@@ -2,25 +2,21 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.attitude.wahba import refine
+from star_tracker.attitude.pose import copy_pose
 from star_tracker.compiled import compiled
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.evidence import strongest
-from star_tracker.identification.field import Frame, StarField
 from star_tracker.identification.judge import (
     GATE_TOLERANCES,
-    Matches,
-    Sky,
-    Verified,
     associate,
-    copy_rotation,
     look_up,
-    matches_for,
     project,
+    refine_pose,
 )
 
 _ROUNDS = 5
@@ -72,70 +68,50 @@ class Identification:
         return np.flatnonzero(self.state == StarState.IDENTIFIED)
 
 
-def label(
-    sky: Sky, field: StarField, verified: Verified, displaced_gate_px: float
-) -> tuple[Identification, Floats]:
-    """Label every star of an accepted frame; return the labels and the final rotation (3, 3)."""
-    rotation = verified.rotation.copy()
-    result = Identification.empty(int(field.frame.row.max(initial=-1)) + 1)
-    label_frame(
-        sky, field.frame, verified.tolerance_px, displaced_gate_px, rotation,
-        matches_for(sky, field), result.catalog_index, result.state, result.residual_px,
-    )
-    return result, rotation
+#: A row for each centroid of the input, as compiled code writes it; see `Identification`.
+LABEL = np.dtype([
+    ("catalog_index", np.int64), ("residual_px", np.float64), ("state", np.uint8),
+], align=True)
 
 
 @compiled
-def label_frame(
-    sky: Sky,
-    frame: Frame,
-    tolerance_px: float,
-    displaced_gate_px: float,
-    rotation: Floats,
-    matches: Matches,
-    catalog_index: NDArray[np.int64],
-    state: NDArray[np.uint8],
-    residual_px: Floats,
-) -> tuple[int, float]:
-    """Label the centroids and fit the attitude to the identified ones.
+def label_frame(engine: Any, labels: NDArray[np.void]) -> tuple[int, float]:
+    """Label the centroids and fit the best pose to the identified ones.
 
     The noise is estimated from the frame itself, from the matches that carry most evidence, so
-    that a precise frame gets a narrow gate. Writes a row of the last three arguments for each
-    centroid of the input, and the fitted attitude to `rotation`. Returns the number of
-    identified stars and the sum of their squared residuals.
+    that a precise frame gets a narrow gate. Writes a row of `labels` for each centroid of the
+    input. Returns the number of identified stars and the sum of their squared residuals.
     """
-    gate = GATE_TOLERANCES * tolerance_px
-    n_near, k = matches.settled[3], 0
-    if matches.settled[1] > 0:
+    sky, frame, matches, best = engine.sky, engine.frame, engine.matches, engine.best
+    gate = GATE_TOLERANCES * engine.progress[0].tolerance_px
+    n_near, k = matches.n_near, 0
+    if matches.n_settled > 0:
         k = _settled(matches, gate)
     if k == 0:
-        n_near, k = _settle(sky, frame, max(_GATE_PX, gate), rotation, matches)
+        n_near, k = _settle(sky, frame, max(_GATE_PX, gate), best, matches)
     # One step from a pose that is a few pixels off is not quite there yet.
     for _ in range(2):
-        refine(frame.vectors, matches.observed, sky.guides.vectors, matches.catalog, k, rotation)
-    _measure(sky, frame, rotation, k, matches)
+        refine_pose(sky, frame, matches, k, best)
+    _measure(sky, frame, best.rotation, k, matches)
     sum2 = 0.0
     for i in range(k):
-        row = frame.row[matches.observed[i]]
-        catalog_index[row], state[row] = matches.catalog[i], 1
-        residual_px[row] = np.sqrt(matches.residual2[i])
+        row = labels[frame.row[matches.observed[i]]]
+        row.catalog_index, row.state = matches.catalog[i], StarState.IDENTIFIED
+        row.residual_px = np.sqrt(matches.residual2[i])
         sum2 += matches.residual2[i]
-    if displaced_gate_px > 0 and k < len(frame.vectors):
-        _label_displaced(
-            sky, frame, displaced_gate_px, rotation, n_near, matches,
-            catalog_index, state, residual_px,
-        )
+    if engine.limits.displaced_gate_px > 0 and k < frame.n:
+        _label_displaced(engine, n_near, labels)
     return k, sum2
 
 
 @compiled
-def _settled(matches: Matches, gate_px: float) -> int:
+def _settled(matches: Any, gate_px: float) -> int:
     """Return how many stars the judge's matches identify; 0 where that has to be looked into.
 
     It has not where the judge's gate was wide enough for the noise that it found, and where the
     final gate keeps just the matches that the pose was fitted to.
     """
-    k, n_matched = matches.settled[1], matches.settled[2]
+    k, n_matched = matches.n_settled, matches.n_matched
     gate = max(_GATE_SIGMA * _sigma(matches.residual2, k), _GATE_FLOOR_PX)
     last_in = matches.residual2[k - 1] <= gate * gate
     next_out = k == n_matched or matches.residual2[k] > gate * gate
@@ -143,30 +119,24 @@ def _settled(matches: Matches, gate_px: float) -> int:
 
 
 @compiled
-def _settle(
-    sky: Sky, frame: Frame, gate_px: float, rotation: Floats, matches: Matches
-) -> tuple[int, int]:
+def _settle(sky: Any, frame: Any, gate_px: float, pose: Any, matches: Any) -> tuple[int, int]:
     """Associate, measure the noise and fit in turn until the matches stay the same.
 
     Returns the number of guide stars near the image and of matches.
     """
-    gate = gate_px
-    n_near = look_up(sky, rotation, 2 * gate, matches)
-    vectors, sky_vectors = frame.vectors, sky.guides.vectors
-    found, n_inside = associate(sky, frame, rotation, gate, n_near, matches)
-    k = strongest(
-        sky.evidence, vectors, matches.observed, matches.residual2, found, n_inside, sky.optics
-    )[0]
-    trial = np.empty((3, 3))
+    gate, trial = gate_px, matches.trial
+    n_near = look_up(sky, pose.rotation, 2 * gate, matches)
+    found, n_inside = associate(sky, frame, pose.rotation, gate, n_near, matches)
+    k = strongest(sky, frame, matches, found, n_inside)[0]
     for _ in range(_ROUNDS):
-        copy_rotation(rotation, trial)
-        refine(vectors, matches.observed, sky_vectors, matches.catalog, k, trial)
+        copy_pose(pose, trial)
+        refine_pose(sky, frame, matches, k, trial)
         narrow = max(_GATE_SIGMA * _sigma(matches.residual2, k), _GATE_FLOOR_PX)
-        again = associate(sky, frame, trial, narrow, n_near, matches)[0]
+        again = associate(sky, frame, trial.rotation, narrow, n_near, matches)[0]
         if again < 3:  # the matches before it stay
-            k = min(k, associate(sky, frame, rotation, gate, n_near, matches)[0])
+            k = min(k, associate(sky, frame, pose.rotation, gate, n_near, matches)[0])
             break
-        copy_rotation(trial, rotation)
+        copy_pose(trial, pose)
         gate, before, k = narrow, k, again
         if k == before:
             break
@@ -174,14 +144,13 @@ def _settle(
 
 
 @compiled
-def _measure(sky: Sky, frame: Frame, rotation: Floats, k: int, matches: Matches) -> None:
+def _measure(sky: Any, frame: Any, rotation: Floats, k: int, matches: Any) -> None:
     """Write the squared residuals of the first `k` matches for a pose."""
-    r = rotation
-    focal_px = np.sqrt(sky.optics[2] * sky.optics[3])
+    r, vectors = rotation, sky.guides.vectors
     for i in range(k):
-        v = sky.guides.vectors[matches.catalog[i]]
+        v = vectors[matches.catalog[i]]
         place = frame.plane_px[matches.observed[i]]
-        scale = focal_px / (r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2])
+        scale = sky.focal_px / (r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2])
         dx = (r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2]) * scale - place[0]
         dy = (r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2]) * scale - place[1]
         matches.residual2[i] = dx * dx + dy * dy
@@ -207,66 +176,59 @@ def _sigma(residual2: Floats, k: int) -> float:
 
 
 @compiled
-def _label_displaced(
-    sky: Sky,
-    frame: Frame,
-    gate_px: float,
-    rotation: Floats,
-    n_near: int,
-    matches: Matches,
-    catalog_index: NDArray[np.int64],
-    state: NDArray[np.uint8],
-    residual_px: Floats,
-) -> None:
+def _label_displaced(engine: Any, n_near: int, labels: NDArray[np.void]) -> None:
     """Label stars that are left over with guide stars of the image that are left over.
 
     The nearest pair goes first. A pair counts only where the star's next nearest guide star is
     three times farther and where chance would not put two unrelated points so close: with a
     unmatched stars and b unmatched guide stars, a b pi d^2 / area pairs are expected within d.
     """
-    star = np.empty(len(frame.row), np.int64)
+    sky, frame, matches = engine.sky, engine.frame, engine.matches
+    gate_px = engine.limits.displaced_gate_px
+    star = np.empty(frame.n, np.int64)
     a = 0
-    for i in range(len(frame.row)):
-        if state[frame.row[i]] == 0:
+    for i in range(frame.n):
+        if labels[frame.row[i]].state == StarState.UNIDENTIFIED:
             star[a] = i
             a += 1
-    b = _left_over(sky, rotation, n_near, matches, catalog_index)
-    guide, place = matches.guide_star, matches.place
+    b = _left_over(sky, engine.best.rotation, n_near, matches, labels)
+    guide, place, plane_px = matches.guide_star, matches.place, frame.plane_px
     by_chance = _DISPLACED_CHANCE * sky.optics[0] * sky.optics[1] / np.pi
     while a > 0 and b > 0:
         at, nearest = 0, np.inf
         for i in range(a):
-            d2 = _two_nearest(frame.plane_px, star[i], place, b)[1]
+            d2 = _two_nearest(plane_px, star[i], place, b)[1]
             if d2 < nearest:
                 at, nearest = i, d2
         if nearest > gate_px * gate_px or a * b * nearest > by_chance:
             return
-        g, _, next_nearest = _two_nearest(frame.plane_px, star[at], place, b)
-        row = frame.row[star[at]]
+        g, _, next_nearest = _two_nearest(plane_px, star[at], place, b)
+        row = labels[frame.row[star[at]]]
         a -= 1
         star[at] = star[a]
         if next_nearest >= _DISPLACED_AMBIGUITY**2 * nearest:
-            catalog_index[row], state[row], residual_px[row] = guide[g], 2, np.sqrt(nearest)
+            row.catalog_index, row.state = guide[g], StarState.DISPLACED
+            row.residual_px = np.sqrt(nearest)
             b -= 1
             guide[g], place[g, 0], place[g, 1] = guide[b], place[b, 0], place[b, 1]
 
 
 @compiled
 def _left_over(
-    sky: Sky, rotation: Floats, n_near: int, matches: Matches, catalog_index: NDArray[np.int64]
+    sky: Any, rotation: Floats, n_near: int, matches: Any, labels: NDArray[np.void]
 ) -> int:
     """List the guide stars of the image that no centroid is labelled with; return their number.
 
     They are listed in `guide_star`, their places at the beginning of `place`.
     """
     project(sky, rotation, n_near, matches)
-    place, n = matches.place, 0
+    place, near, n = matches.place, matches.near, 0
     for g in range(n_near):
         taken = False
-        for other in catalog_index:
-            taken |= other == matches.near[g]
+        for at in range(len(labels)):
+            taken |= labels[at].catalog_index == near[g]
         if place[g, 2] <= 0.0 and not taken:
-            matches.guide_star[n] = matches.near[g]
+            matches.guide_star[n] = near[g]
             place[n, 0], place[n, 1] = place[g, 0], place[g, 1]
             n += 1
     return n

@@ -1,31 +1,26 @@
 """The primary search, compiled: candidates in order, each judged, until one is certain."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from star_tracker.attitude.pose import copy_pose
 from star_tracker.attitude.wahba import solve_wahba
-from star_tracker.catalogue.pairs import PairTable
-from star_tracker.compiled import compiled, inlined
-from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.cells import MEMBERS, best_cells, members, triangle_check
-from star_tracker.identification.field import Frame
-from star_tracker.identification.judge import Matches, Sky, copy_rotation, judge
+from star_tracker.compiled import compiled
+from star_tracker.identification.cells import best_cells, members, triangle_check
+from star_tracker.identification.ended import Ended
+from star_tracker.identification.judge import judge
 from star_tracker.identification.votes import (
     ROLL_BITS,
-    Votes,
     cast,
     choose_rows,
     clear,
-    empty_votes,
     look_around,
     threshold_for,
 )
 
 #: Two poses are the same where their axes differ by less than this, rad.
 _SAME_POSE_RAD = 0.02
-MORE, EXHAUSTED, CERTAIN = 0, 1, 2
 #: A pose with evidence between these is judged again with this tolerance. Beyond the second the
 #: search ends in any case.
 _PROMISING, _BEYOND_DOUBT, _LOOK_FARTHER_PX = -1.0, 16.0, 6.0
@@ -36,225 +31,160 @@ _NEEDED_A_STAR = 0.7
 #: The work of judging a cell, in votes.
 _WORK_OF_A_CELL = 1000.0
 
+#: How far a search has come, and the best that it has found: one record, which Python reads too.
+#: `n_hypotheses` pairs were compared with pairs, `n_since_best` candidates judged since the best
+#: pose was found, which `n_matched` matches carry; `score` and `rival_score` are the log10
+#: evidence of the best pose and of the best other pose.
+PROGRESS = np.dtype([
+    ("level", np.int64), ("next_main", np.int64), ("n_hypotheses", np.int64),
+    ("n_judged", np.int64), ("n_since_best", np.int64), ("n_matched", np.int64),
+    ("score", np.float64), ("rival_score", np.float64), ("tolerance_px", np.float64),
+])
 
-class Progress(NamedTuple):
-    """How far a search has come, and the best that it has found.
+
+class Limits(NamedTuple):
+    """When a search ends.
 
     Attributes:
-        counts: (6,) int64: level, place of the next main star, hypotheses compared, candidates
-            judged, candidates judged since the best was found, matches that carry the best.
-        score: (3,) log10 evidence of the best pose and of the best other pose, and the best one's
-            tolerance, px.
-        rotation: (3, 3) the best pose.
+        certain: log10 evidence that is certain.
+        enough: log10 evidence that is enough.
+        second_look: how many more candidates have to be worse than one that is enough.
+        work: votes between two looks at the clock.
+        displaced_gate_px: farthest a displaced star may lie from its place; 0 labels none.
     """
 
-    counts: NDArray[np.int64]
-    score: Floats
-    rotation: Floats
-
-    @classmethod
-    def blank(cls) -> "Progress":
-        """Return room for the progress of a search; see `begin`."""
-        return cls(np.zeros(6, np.int64), np.zeros(3), np.eye(3))
-
-
-class Room(NamedTuple):
-    """Room for the highest cells (c,) with their votes, the members of one, and its pose."""
-
-    cells: NDArray[np.int64]
-    scores: NDArray[np.int64]
-    observed: NDArray[np.int64]
-    catalog: NDArray[np.int64]
-    rotation: Floats
+    certain: float
+    enough: float
+    second_look: float
+    work: float
+    displaced_gate_px: float
 
 
 @compiled
-def empty_room(n_cells: int) -> Room:
-    """Return room for so many cells."""
-    return Room(
-        np.empty(n_cells, np.int64), np.empty(n_cells, np.int64),
-        np.empty(MEMBERS + 1, np.int64), np.empty(MEMBERS + 1, np.int64), np.empty((3, 3)),
+def forget(progress: Any) -> None:
+    """Begin a search anew: nothing is found yet."""
+    progress.level = progress.next_main = progress.n_hypotheses = progress.n_judged = 0
+    progress.n_since_best = progress.n_matched = 0
+    progress.score = progress.rival_score = -np.inf
+    progress.tolerance_px = 0.0
+
+
+@compiled
+def search(engine: Any) -> int:
+    """Go on searching until something is certain, nothing is left or the budget is spent."""
+    levels, frame, limits, progress = (
+        engine.levels, engine.frame, engine.limits, engine.progress[0]
     )
+    spent = 0.0
+    while progress.level < len(levels):
+        at = progress.level
+        level = levels[at]
+        if progress.next_main >= min(frame.n, level.mains):
+            progress.level, progress.next_main = at + 1, 0
+            continue
+        if spent >= limits.work:
+            return Ended.MORE
+        main = frame.mains[progress.next_main]
+        progress.next_main += 1
+        if at > 0 and _tried(levels[at - 1], level, progress.next_main, frame.n):
+            continue
+        spent += _try_main(engine, main, level)
+        clear(engine.votes)
+        if certain(progress, limits, frame.n):
+            return Ended.CERTAIN
+    return Ended.EXHAUSTED
 
 
 @compiled
-def begin(progress: Progress) -> None:
-    """Forget what a search has found."""
-    for i in range(len(progress.counts)):
-        progress.counts[i] = 0
-    progress.score[0] = progress.score[1] = -np.inf
-    progress.score[2] = 0.0
-
-
-@compiled
-def search(
-    sky: Sky,
-    pairs: PairTable,
-    frame: Frame,
-    low: NDArray[np.uint64],
-    high: NDArray[np.uint64],
-    matches: Matches,
-    levels: Floats,
-    limits: Floats,
-    plain: bool,
-    progress: Progress,
-) -> int:
-    """Go on searching until something is certain, nothing is left or the budget is spent.
-
-    Args:
-        sky, pairs: the database.
-        frame: the centroids.
-        low, high: cells of votes, all 0; see `Votes`.
-        matches: room for a hypothesis.
-        levels: (levels, 4) tolerance px, companions, main stars, batch of companions; see
-            `MatchGroupSettings.levels`.
-        limits: (5,) log10 evidence that is certain; that is enough; how many more candidates have
-            to be worse than one that is enough; cells a main star; budget in votes.
-        plain: whether the paper's plain flags vote.
-        progress: where to go on, updated.
-    """
-    spent, at = 0.0, progress.counts
-    if len(levels) == 0:
-        return EXHAUSTED
-    votes = empty_votes(low, high, int(np.max(levels[:, 1])))
-    room = empty_room(int(limits[3]))
-    while at[0] < len(levels):
-        level = at[0]
-        if at[1] >= min(len(frame.vectors), levels[level, 2]):
-            at[0], at[1] = level + 1, 0
-            continue
-        if spent >= limits[4]:
-            return MORE
-        main = frame.mains[at[1]]
-        at[1] += 1
-        if level > 0 and _tried(levels[level - 1], levels[level], at[1], len(frame.vectors)):
-            continue
-        spent += _try_main(
-            sky, pairs, frame, votes, main, levels[level], limits, plain, room, matches, progress
-        )
-        clear(votes)
-        if certain(progress, limits, len(frame.vectors)):
-            return CERTAIN
-    return EXHAUSTED
-
-
-@inlined
-def _tried(before: Floats, now: Floats, place: int, n: int) -> bool:
+def _tried(before: Any, now: Any, place: int, n: int) -> bool:
     """Return whether all companions of a main star have voted at the level before already."""
-    return (before[0] == now[0]) & (place <= before[2]) & (n - 1 <= before[1])
+    same = before.tolerance_px == now.tolerance_px
+    return same and place <= before.mains and n - 1 <= before.companions
 
 
 @compiled
-def certain(progress: Progress, limits: Floats, n: int) -> bool:
+def certain(progress: Any, limits: Limits, n: int) -> bool:
     """Return whether the best pose is certain, or enough and better than the next many."""
     # A true pose of many stars has much evidence: one with little may rest on a part of them only,
     # a cluster in a corner above all, and be off. Such a one has to outlast the whole search.
-    score, matched = progress.score[0], progress.counts[5]
-    needed = max(limits[0], _NEEDED_A_STAR * n)
-    if score > max(_BEYOND_DOUBT, needed) or (score > needed and 2 * matched >= n):
+    score = progress.score
+    needed = max(limits.certain, _NEEDED_A_STAR * n)
+    if score > max(_BEYOND_DOUBT, needed) or (score > needed and 2 * progress.n_matched >= n):
         return True
-    enough = max(limits[1], 0.5 * _NEEDED_A_STAR * n)
-    return score > enough and progress.counts[4] > limits[2]
+    enough = max(limits.enough, 0.5 * _NEEDED_A_STAR * n)
+    return score > enough and progress.n_since_best > limits.second_look
 
 
 @compiled
-def _try_main(
-    sky: Sky,
-    pairs: PairTable,
-    frame: Frame,
-    votes: Votes,
-    main: int,
-    level: Floats,
-    limits: Floats,
-    plain: bool,
-    room: Room,
-    matches: Matches,
-    progress: Progress,
-) -> float:
+def _try_main(engine: Any, main: int, level: Any) -> float:
     """Judge the candidates of one main star, best first, until one is certain; return the work."""
-    tolerance = level[0] / np.sqrt(sky.optics[2] * sky.optics[3])
-    n_near = look_around(frame, main, int(level[1]), votes)
-    batch, quick = int(level[3]), level[3] < level[1]
+    pairs, votes, room = engine.pairs, engine.votes, engine.room
+    frame, progress = engine.frame, engine.progress[0]
+    tolerance = level.tolerance_px / engine.sky.focal_px
+    n_near = look_around(frame, main, level.companions, votes)
+    quick = level.batch < level.companions
     # The more main stars there are, the fewer chances each of them needs.
-    most = min(len(room.cells), max(_FEWEST_CELLS, _CELLS_OF_A_LEVEL // len(frame.vectors)))
-    work, n_judged, n_reached = 0.0, 0, 0
-    for begin in range(0, n_near, batch):
-        end, total = choose_rows(pairs, votes, begin, min(begin + batch, n_near), tolerance)
-        progress.counts[2] += total
+    most = min(len(room.cells), max(_FEWEST_CELLS, _CELLS_OF_A_LEVEL // frame.n))
+    cells, scores = room.cells[:most], room.scores[:most]
+    work, n_judged = 0.0, 0
+    for begin in range(0, n_near, level.batch):
+        end, total = choose_rows(pairs, votes, begin, min(begin + level.batch, n_near), tolerance)
+        progress.n_hypotheses += total
         work += total
         # By chance hardly any cell gets all three votes of a batch of three.
-        threshold = batch if quick else threshold_for(total, len(votes.low))
-        n_reached = cast(pairs, votes, begin, end, threshold, plain, n_reached)
-        n_cells = best_cells(
-            votes, n_judged, n_reached, room.cells[:most], room.scores[:most]
-        )
-        n_judged = n_reached
+        threshold = level.batch if quick else threshold_for(total, len(votes.low))
+        cast(pairs, votes, begin, end, threshold)
+        n_cells = best_cells(votes, n_judged, votes.n_reached, cells, scores)
+        n_judged = votes.n_reached
         for i in range(n_cells):
             work += _WORK_OF_A_CELL
-            _try_cell(
-                sky, pairs, frame, votes, end, main, room.cells[i], level[0], limits, plain,
-                room, matches, progress,
-            )
-            if certain(progress, limits, len(frame.vectors)):
+            _try_cell(engine, end, main, cells[i], level.tolerance_px)
+            if certain(progress, engine.limits, frame.n):
                 return work
     return work
 
 
 @compiled
 def _try_cell(
-    sky: Sky,
-    pairs: PairTable,
-    frame: Frame,
-    votes: Votes,
-    n_companions: int,
-    main: int,
-    cell: int,
-    tolerance_px: float,
-    limits: Floats,
-    plain: bool,
-    room: Room,
-    matches: Matches,
-    progress: Progress,
+    engine: Any, n_companions: int, main: int, cell: int, tolerance_px: float
 ) -> None:
     """Make a candidate of a cell's members that pass the triangle check, and judge it."""
-    vectors = sky.guides.vectors
-    tolerance = tolerance_px / np.sqrt(sky.optics[2] * sky.optics[3])
-    k = members(
-        pairs, votes, n_companions, cell, tolerance, plain, room.observed, room.catalog
-    )
-    k = triangle_check(frame, vectors, room.observed, room.catalog, k, tolerance)
+    sky, frame, room = engine.sky, engine.frame, engine.room
+    tolerance = tolerance_px / sky.focal_px
+    k = members(engine.pairs, engine.votes, n_companions, cell, tolerance, room)
+    k = triangle_check(frame, sky.guides, room, k, tolerance)
     if k < 2:
         return
     room.observed[k], room.catalog[k] = main, cell >> ROLL_BITS
-    if solve_wahba(frame.vectors, room.observed, vectors, room.catalog, k + 1, room.rotation):
-        score = judge(sky, frame, tolerance_px, room.rotation, matches)
-        progress.counts[3] += 1
-        keep(progress, score, matches.settled[0], tolerance_px, room.rotation)
+    if solve_wahba(
+        frame.vectors, room.observed, sky.guides.vectors, room.catalog, k + 1, room.pose.rotation
+    ):
+        score = judge_and_keep(engine, room.pose, tolerance_px)
+        engine.progress[0].n_judged += 1
         # Noise larger than the tolerance leaves part of the true stars out: look farther.
-        doubtful = score < max(_BEYOND_DOUBT, _NEEDED_A_STAR * len(frame.vectors))
+        doubtful = score < max(_BEYOND_DOUBT, _NEEDED_A_STAR * frame.n)
         if score > _PROMISING and doubtful and tolerance_px < _LOOK_FARTHER_PX:
-            score = judge(sky, frame, _LOOK_FARTHER_PX, room.rotation, matches)
-            keep(progress, score, matches.settled[0], _LOOK_FARTHER_PX, room.rotation)
+            judge_and_keep(engine, room.pose, _LOOK_FARTHER_PX)
 
 
 @compiled
-def keep(
-    progress: Progress, score: float, matched: int, tolerance_px: float, rotation: Floats
-) -> None:
-    """Keep a judged pose if it is the best, or the best of the others."""
-    progress.counts[4] += 1
-    best = progress.rotation
+def judge_and_keep(engine: Any, pose: Any, tolerance_px: float) -> float:
+    """Judge a pose, keep it if it is the best, or the best of the others; return its score."""
+    matches, progress, best = engine.matches, engine.progress[0], engine.best
+    score = judge(engine.sky, engine.frame, tolerance_px, pose, matches)
+    progress.n_since_best += 1
     # Trace of best^T rotation: 1 + 2 cos(angle between the two poses).
     trace = 0.0
     for i in range(3):
         for j in range(3):
-            trace += best[i, j] * rotation[i, j]
+            trace += best.rotation[i, j] * pose.rotation[i, j]
     same = trace > 1 + 2 * np.cos(_SAME_POSE_RAD)
-    if score > progress.score[0]:
+    if score > progress.score:
         if not same:
-            progress.score[1] = progress.score[0]
-        progress.score[0], progress.score[2] = score, tolerance_px
-        copy_rotation(rotation, progress.rotation)
-        progress.counts[4], progress.counts[5] = 0, matched
-    elif not same and score > progress.score[1]:
-        progress.score[1] = score
+            progress.rival_score = progress.score
+        progress.score, progress.tolerance_px = score, tolerance_px
+        copy_pose(pose, best)
+        progress.n_since_best, progress.n_matched = 0, matches.n_best
+    elif not same and score > progress.rival_score:
+        progress.rival_score = score
+    return score

@@ -6,15 +6,12 @@ bits of a few words, the first word holding the lowest digit of each, so that th
 fit into the fastest memory.
 """
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from star_tracker.catalogue.pairs import AZIMUTH_BITS, AZIMUTH_UNITS, PairTable, first_row
-from star_tracker.compiled import compiled
-from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.field import Frame
+from star_tracker.catalogue.pairs import AZIMUTH_BITS, AZIMUTH_UNITS, first_row
+from star_tracker.compiled import compiled, struct
 
 #: 64 roll bins of 5.6 deg for each guide star.
 ROLL_BITS = 6
@@ -35,48 +32,29 @@ _BY_CHANCE = 150.0
 _MOST_VOTES, _FEWEST_COMPANIONS = 100_000, 3
 
 
-class Votes(NamedTuple):
-    """The votes for one main star; made once and used again for each.
-
-    Attributes:
-        low, high: (n, 2) and (n, 4) uint64, the digits of each guide star's 64 counts; all 0
-            between main stars.
-        carried, n_carried: (r,) and (1,) the stars that have digits in `high`, and how many; not
-            all are remembered.
-        reached: (r,) cells that reached the threshold, in that order.
-        companion: (c,) the main star's nearest companions in the frame.
-        separation: (c,) their separation from it, rad.
-        azimuth: (c,) their position angle about it, in units.
-        first, last: (c,) first and one-past-last row of the guide-star pairs of that separation.
-    """
-
-    low: NDArray[np.uint64]
-    high: NDArray[np.uint64]
-    carried: NDArray[np.int64]
-    n_carried: NDArray[np.int64]
-    reached: NDArray[np.int64]
-    companion: NDArray[np.int64]
-    separation: Floats
-    azimuth: NDArray[np.int64]
-    first: NDArray[np.int64]
-    last: NDArray[np.int64]
-
-
-def vote_counts(n_stars: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-    """Return `low` and `high` of a catalogue without any votes."""
-    return (
-        np.zeros((n_stars, _LOW_WORDS), np.uint64), np.zeros((n_stars, _HIGH_WORDS), np.uint64)
-    )
+#: The votes for one main star; made once and used again for each:
+#:
+#: - low, high: (n, 2) and (n, 4) uint64, the digits of each guide star's 64 counts; all 0 between
+#:   main stars;
+#: - carried, n_carried: (r,) the stars that have digits in `high`, and how many; not all are
+#:   remembered;
+#: - reached, n_reached: (r,) cells that reached the threshold, in that order, and how many;
+#: - companion: (c,) the main star's nearest companions in the frame;
+#: - separation: (c,) their separation from it, rad;
+#: - azimuth: (c,) their position angle about it, in units;
+#: - first, last: (c,) first and one-past-last row of the guide-star pairs of that separation.
+VotesType, Votes = struct("Votes", __name__, (
+    "low", "high", "carried", "n_carried", "reached", "n_reached",
+    "companion", "separation", "azimuth", "first", "last",
+))
 
 
 @compiled
-def empty_votes(
-    low: NDArray[np.uint64], high: NDArray[np.uint64], n_companions: int
-) -> Votes:
-    """Return what `look_around` and `cast` fill."""
+def empty_votes(n_stars: int, n_companions: int) -> Any:
+    """Return what `look_around` and `cast` fill, for a catalogue of so many guide stars."""
     return Votes(
-        low, high, np.empty(_REMEMBERED, np.int64), np.zeros(1, np.int64),
-        np.empty(_REMEMBERED, np.int64),
+        np.zeros((n_stars, _LOW_WORDS), np.uint64), np.zeros((n_stars, _HIGH_WORDS), np.uint64),
+        np.empty(_REMEMBERED, np.int64), 0, np.empty(_REMEMBERED, np.int64), 0,
         np.empty(n_companions, np.int64), np.empty(n_companions),
         np.empty(n_companions, np.int64), np.empty(n_companions, np.int64),
         np.empty(n_companions, np.int64),
@@ -84,11 +62,11 @@ def empty_votes(
 
 
 @compiled
-def look_around(frame: Frame, main: int, most: int, votes: Votes) -> int:
+def look_around(frame: Any, main: int, most: int, votes: Any) -> int:
     """Find the nearest companions of a main star, at most `most`; return their number."""
-    vectors, chord2 = frame.vectors, votes.separation
+    vectors, chord2, companion = frame.vectors, votes.separation, votes.companion
     v, n = vectors[main], 0
-    for star in range(len(vectors)):
+    for star in range(frame.n):
         if star == main:
             continue
         u = vectors[star]
@@ -98,18 +76,19 @@ def look_around(frame: Frame, main: int, most: int, votes: Votes) -> int:
             continue
         at = n if n < most else most - 1
         while at > 0 and chord2[at - 1] > d2:
-            chord2[at], votes.companion[at] = chord2[at - 1], votes.companion[at - 1]
+            chord2[at], companion[at] = chord2[at - 1], companion[at - 1]
             at -= 1
-        chord2[at], votes.companion[at] = d2, star
+        chord2[at], companion[at] = d2, star
         n = min(n + 1, most)
+    azimuth = votes.azimuth
     for i in range(n):
-        u = vectors[votes.companion[i]]
-        votes.separation[i] = 2 * np.arcsin(min(1.0, 0.5 * np.sqrt(chord2[i])))
+        u = vectors[companion[i]]
+        chord2[i] = 2 * np.arcsin(min(1.0, 0.5 * np.sqrt(chord2[i])))
         # From the image's up direction, -y, towards celestial east's side; see position_angle.
         east = u[2] * v[0] - u[0] * v[2]
         north = -u[1] + v[1] * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
         angle = np.arctan2(east, north)
-        votes.azimuth[i] = int(np.floor(angle * (AZIMUTH_UNITS / (2 * np.pi)))) & (
+        azimuth[i] = int(np.floor(angle * (AZIMUTH_UNITS / (2 * np.pi)))) & (
             AZIMUTH_UNITS - 1
         )
     return n
@@ -117,7 +96,7 @@ def look_around(frame: Frame, main: int, most: int, votes: Votes) -> int:
 
 @compiled
 def choose_rows(
-    pairs: PairTable, votes: Votes, begin: int, end: int, tolerance_rad: float
+    pairs: Any, votes: Any, begin: int, end: int, tolerance_rad: float
 ) -> tuple[int, int]:
     """Find the pairs that agree with the separations of the companions begin to end.
 
@@ -136,31 +115,27 @@ def choose_rows(
 
 
 @compiled
-def cast(
-    pairs: PairTable, votes: Votes, begin: int, end: int, threshold: int, plain: bool, n: int
-) -> int:
-    """Let the companions begin to end vote.
-
-    Cells that reach the threshold are added to the `n` of `reached`; returns how many there are.
-    """
+def cast(pairs: Any, votes: Any, begin: int, end: int, threshold: int) -> None:
+    """Let the companions begin to end vote; cells that reach the threshold join `reached`."""
     for i in range(begin, end):
-        n = _raise_flags(pairs, votes, i, n) if plain else _vote(pairs, votes, i, threshold, n)
-    return n
+        _vote(pairs, votes, i, threshold)
 
 
 @compiled
-def _vote(pairs: PairTable, votes: Votes, i: int, threshold: int, n: int) -> int:
+def _vote(pairs: Any, votes: Any, i: int, threshold: int) -> None:
     """Let one companion vote for the cells of its pairs."""
     none = np.uint64(0)
+    main_azimuth, low, high = pairs.main_azimuth, votes.low, votes.high
+    azimuth = votes.azimuth[i]
     for row in range(votes.first[i], votes.last[i]):
-        coded = pairs.main_azimuth[row]
+        coded = main_azimuth[row]
         star = np.uint64(coded >> AZIMUTH_BITS)
-        roll = np.uint64(((coded - votes.azimuth[i]) & (AZIMUTH_UNITS - 1)) >> ROLL_SHIFT)
+        roll = np.uint64(((coded - azimuth) & (AZIMUTH_UNITS - 1)) >> ROLL_SHIFT)
         bins = (_TWO_BINS << roll) | (_TWO_BINS >> ((_BITS - roll) & _LAST_BIN))  # rotated
-        ones, twos = votes.low[star, 0], votes.low[star, 1]
+        ones, twos = low[star, 0], low[star, 1]
         carry = ones & bins
         ones, fours, twos = ones ^ bins, twos & carry, twos ^ carry
-        votes.low[star, 0], votes.low[star, 1] = ones, twos
+        low[star, 0], low[star, 1] = ones, twos
         if fours != none:
             _carry_on(votes, star, fours)
         # Only where the count can be the threshold it is looked at closely: rare.
@@ -169,41 +144,37 @@ def _vote(pairs: PairTable, votes: Votes, i: int, threshold: int, n: int) -> int
         elif threshold == 3:
             hit = bins & twos & ones
         else:
-            hit = bins & (
-                votes.high[star, 0] | votes.high[star, 1]
-                | votes.high[star, 2] | votes.high[star, 3]
-            )
+            hit = bins & (high[star, 0] | high[star, 1] | high[star, 2] | high[star, 3])
         if hit != none:
-            n = _note(votes, np.int64(star), np.int64(roll), threshold, n)
-    return n
+            _note(votes, np.int64(star), np.int64(roll), threshold)
 
 
 @compiled
-def _carry_on(votes: Votes, star: int, carry: np.uint64) -> None:
+def _carry_on(votes: Any, star: int, carry: np.uint64) -> None:
     """Add to the higher digits, and remember for which stars."""
-    n = votes.n_carried[0]
+    n, high = votes.n_carried, votes.high
     if n < _REMEMBERED:
         votes.carried[n] = star
-    votes.n_carried[0] = n + 1
+    votes.n_carried = n + 1
     for digit in range(_HIGH_WORDS):
-        before = votes.high[star, digit]
-        votes.high[star, digit] = before ^ carry
+        before = high[star, digit]
+        high[star, digit] = before ^ carry
         carry &= before
 
 
 @compiled
-def _note(votes: Votes, star: int, roll: int, threshold: int, n: int) -> int:
+def _note(votes: Any, star: int, roll: int, threshold: int) -> None:
     """Remember the two cells of a vote where they have just reached the threshold."""
     for turned in (roll, (roll + 1) & (ROLL_BINS - 1)):
         cell = (star << ROLL_BITS) | turned
+        n = votes.n_reached
         if n < _REMEMBERED and count_of(votes, cell) == threshold:
             votes.reached[n] = cell
-            n += 1
-    return n
+            votes.n_reached = n + 1
 
 
 @compiled
-def count_of(votes: Votes, cell: int) -> int:
+def count_of(votes: Any, cell: int) -> int:
     """Return the votes of a cell."""
     star, at = cell >> ROLL_BITS, np.uint64(cell & (ROLL_BINS - 1))
     count = np.int64(0)
@@ -215,42 +186,17 @@ def count_of(votes: Votes, cell: int) -> int:
 
 
 @compiled
-def _raise_flags(pairs: PairTable, votes: Votes, i: int, n: int) -> int:
-    """Let one companion raise the flag of each guide star of its pairs once (paper, 5.2.5).
-
-    A star's flag stands in its first cell; its last bin notes that this companion has raised it.
-    """
-    raised, none = _ONE << _LAST_BIN, np.uint64(0)
-    for row in range(votes.first[i], votes.last[i]):
-        star = np.uint64(pairs.main_azimuth[row] >> AZIMUTH_BITS)
-        ones, twos = votes.low[star, 0], votes.low[star, 1]
-        if (ones & raised) != none:
-            continue
-        carry = ones & _ONE
-        votes.low[star, 0], votes.low[star, 1] = (ones ^ _ONE) | raised, twos ^ carry
-        if (twos & carry) != none:
-            _carry_on(votes, star, twos & carry)
-        cell = np.int64(star) << ROLL_BITS
-        if n < _REMEMBERED and count_of(votes, cell) == 2:
-            votes.reached[n] = cell
-            n += 1
-    for row in range(votes.first[i], votes.last[i]):
-        votes.low[np.uint64(pairs.main_azimuth[row] >> AZIMUTH_BITS), 0] &= ~raised
-    return n
-
-
-@compiled
-def clear(votes: Votes) -> None:
+def clear(votes: Any) -> None:
     """Take back all votes."""
     votes.low[:] = np.uint64(0)
-    n = votes.n_carried[0]
-    if n > _REMEMBERED:
+    if votes.n_carried > _REMEMBERED:
         votes.high[:] = np.uint64(0)
     else:
-        for i in range(n):
+        high, carried = votes.high, votes.carried
+        for i in range(votes.n_carried):
             for digit in range(_HIGH_WORDS):
-                votes.high[votes.carried[i], digit] = np.uint64(0)
-    votes.n_carried[0] = 0
+                high[carried[i], digit] = np.uint64(0)
+    votes.n_carried = votes.n_reached = 0
 
 
 @compiled

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.attitude.attitude import rotation_from_boresight
 from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import Floats, separation
 from star_tracker.optics.camera import Camera
 

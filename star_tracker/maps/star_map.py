@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.attitude.attitude import rotation_from_boresight
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.camera import Camera
 from star_tracker.resources import resource_path

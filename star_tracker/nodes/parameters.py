@@ -18,8 +18,8 @@ from star_tracker.attitude.prediction import PREDICTION_MODES
 from star_tracker.calibration.focal_length import MODES as FOCAL_LENGTH_MODES
 from star_tracker.catalogue.catalog import CATALOGS, EPOCH_RANGE, LIMITING_MAGNITUDE_RANGE
 from star_tracker.catalogue.database import DEFAULT_MAX_SEPARATION_DEG, MAX_SEPARATION_RANGE_DEG
+from star_tracker.identification.searcher import METHODS
 from star_tracker.optics.camera import FOV_RANGE_DEG, PARITIES
-from star_tracker.solution import METHODS
 
 
 class ParameterError(ValueError):

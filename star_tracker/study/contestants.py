@@ -6,7 +6,8 @@ from typing import Any
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.fallback import RadialCyclicSettings
-from star_tracker.solution import METHODS, SolveSettings
+from star_tracker.identification.searcher import METHODS
+from star_tracker.solution import SolveSettings
 
 FORMS = ("own", "paper")
 #: What follows the way to the candidates, alignment, pose and verification, is alike in all forms.

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from star_tracker.attitude.attitude import rotation_from_boresight
 from star_tracker.attitude.prediction import Predictor
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation
-from star_tracker.identification.path import LOST_IN_SPACE, TRACKING
+from star_tracker.identification.searcher import LOST_IN_SPACE, TRACKING
 from star_tracker.maps.simulation import synthetic_field
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings, Status

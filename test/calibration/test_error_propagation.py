@@ -34,9 +34,9 @@ from star_tracker.calibration.three_star import (
 )
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import ra_dec, separation, tangent_basis
 from star_tracker.maps.simulation import random_rotation, synthetic_field
-from star_tracker.maps.star_map import rotation_from_boresight
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker

@@ -7,10 +7,10 @@ import time
 import numpy as np
 import pytest
 
-from star_tracker.attitude.attitude import rotation_from_boresight
 from star_tracker.calibration import hints
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.identification.labels import Identification
 from star_tracker.maps.simulation import synthetic_field, uniform_noise
 from star_tracker.maps.star_map import paper_maps

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from star_tracker.identification.field import CAMERA_POLE
 
-from star_tracker.attitude.attitude import rotation_from_boresight
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.patterns import (
     SECTORS,
@@ -12,8 +12,8 @@ from star_tracker.catalogue.patterns import (
     _bits,
     star_pattern,
 )
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation, unit_vectors
-from star_tracker.identification.field import CAMERA_POLE
 
 SETTINGS = PatternSettings()
 STAR = unit_vectors(1.0, 0.4)

@@ -15,9 +15,10 @@ import pytest
 from scipy.constants import speed_of_light
 from scipy.spatial.transform import Rotation
 
-from star_tracker.attitude.attitude import Attitude, rotation_from_boresight
+from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import position_angle, ra_dec, separation, unit_vectors
 from star_tracker.maps.star_map import Pose, paper_maps
 from star_tracker.optics.camera import Camera

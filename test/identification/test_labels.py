@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from star_tracker.identification.field import Candidate, StarField
 
-from star_tracker.attitude.attitude import rotation_from_boresight
 from star_tracker.attitude.wahba import wahba
 from star_tracker.catalogue.sky_index import SkyIndex
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.evidence import evidence
-from star_tracker.identification.field import Candidate, StarField
 from star_tracker.identification.judge import Sky, Verified, verify
 from star_tracker.identification.labels import Identification, StarState, label
 from star_tracker.maps.simulation import random_rotation, uniform_noise

@@ -4,11 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from star_tracker.identification.field import StarField
 
-from star_tracker.attitude.attitude import rotation_from_boresight
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.pairs import PairTable
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import ra_dec, separation, unit_vectors
 from star_tracker.identification.cells import (
     MatchGroupSettings,
@@ -16,7 +17,6 @@ from star_tracker.identification.cells import (
     members,
     triangle_check,
 )
-from star_tracker.identification.field import StarField
 from star_tracker.identification.votes import (
     cast,
     choose_rows,

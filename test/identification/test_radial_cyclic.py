@@ -5,15 +5,15 @@ import re
 
 import numpy as np
 import pytest
+from star_tracker.identification.field import CAMERA_POLE, StarField
 
-from star_tracker.attitude.attitude import rotation_from_boresight
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.patterns import Pattern, PatternLevel, PatternSettings, star_pattern
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation, unit_vectors
 from star_tracker.identification import fallback as radial_cyclic
 from star_tracker.identification.fallback import RadialCyclicSettings, candidates
-from star_tracker.identification.field import CAMERA_POLE, StarField
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.simulation import random_rotation, uniform_noise, visible_stars
 from star_tracker.maps.star_map import paper_maps

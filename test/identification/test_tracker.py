@@ -6,14 +6,15 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from star_tracker.identification.path import Search
 
-from star_tracker.attitude.attitude import covariance, rotation_from_boresight
+from star_tracker.attitude.attitude import covariance
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.labels import StarState
-from star_tracker.identification.path import Search
 from star_tracker.identification.search import Progress
 from star_tracker.maps.simulation import (
     CAMERAS,

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from star_tracker.identification.field import Candidate, StarField
 
-from star_tracker.attitude.attitude import rotation_from_boresight
 from star_tracker.attitude.wahba import wahba
 from star_tracker.catalogue.sky_index import SkyIndex
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.evidence import evidence, strongest
-from star_tracker.identification.field import Candidate, StarField
 from star_tracker.identification.judge import (
     Sky,
     associate,

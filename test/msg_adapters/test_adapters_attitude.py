@@ -11,7 +11,8 @@ from msg_adapters.attitude import (
     boresight_from_attitude,
     quaternion_from_attitude,
 )
-from star_tracker.attitude.attitude import Attitude, rotation_from_boresight
+from star_tracker.attitude.attitude import Attitude
+from star_tracker.geometry.rotation import rotation_from_boresight
 
 HEADER = Header(frame_id="icrs")
 HEADER.stamp.sec, HEADER.stamp.nanosec = 12, 345

@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
 from msg_adapters.imu import imu_from_attitude, orientation_from_imu
-from star_tracker.attitude.attitude import Attitude, rotation_from_boresight
+from star_tracker.attitude.attitude import Attitude
+from star_tracker.geometry.rotation import rotation_from_boresight
 
 HEADER = Header(frame_id="star_camera")
 HEADER.stamp.sec = 77

@@ -15,7 +15,7 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from msg_adapters.attitude import array_from_boresight, array_from_quaternion
 from msg_adapters.camera_info import info_from_camera
-from star_tracker.attitude.attitude import rotation_from_boresight
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation, unit_vectors
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.simulation import uniform_noise

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from star_tracker.attitude.attitude import rotation_from_boresight
 from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.maps.simulation import synthetic_field
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.optics.camera import Camera

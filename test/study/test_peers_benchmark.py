@@ -6,8 +6,8 @@ import peers_benchmark
 import peers_report
 import pytest
 
-from star_tracker.attitude.attitude import rotation_from_boresight
 from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.maps.simulation import CAMERAS, Condition, boresight_angle_deg, frames
 from star_tracker.study.scoring import Score
 

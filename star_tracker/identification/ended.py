@@ -1,0 +1,31 @@
+"""How a step on the way of a frame ended."""
+
+from enum import IntEnum
+
+
+class Ended(IntEnum):
+    """How a step ended, in compiled code and around it.
+
+    Attributes:
+        MORE: the work or the time for it is spent; there is more to search.
+        EXHAUSTED: nothing is left to search.
+        CERTAIN: the best pose is certain.
+        SOLVED: the frame is labelled.
+        TOO_FEW: fewer than `MIN_STARS` usable centroids.
+        TOO_MANY: more centroids than there is room for.
+        NO_ROTATION: the predicted pose is no rotation.
+        AMBIGUOUS: the best pose is good enough, and so is another.
+    """
+
+    MORE = 0
+    EXHAUSTED = 1
+    CERTAIN = 2
+    SOLVED = 3
+    TOO_FEW = 4
+    TOO_MANY = 5
+    NO_ROTATION = 6
+    AMBIGUOUS = 7
+
+
+#: Fewer stars than this fit some guide stars by chance too often to be told apart from truth.
+MIN_STARS = 4

@@ -1,0 +1,103 @@
+"""The engine: all that compiled code works with, made once, behind one pointer."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from star_tracker.attitude.pose import Pose
+from star_tracker.catalogue.pairs import PairTable
+from star_tracker.compiled import compiled, struct
+from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.cells import empty_room
+from star_tracker.identification.judge import Sky, View, empty_matches
+from star_tracker.identification.search import PROGRESS, Limits
+from star_tracker.identification.votes import empty_votes
+from star_tracker.optics.frame import empty_frame
+
+#: What `PairTable` holds, for compiled code.
+PairsType, Pairs = struct("Pairs", __name__, PairTable._fields)
+
+#: Memory that engines of one thread can share, as it is used by one step at a time: `Votes`,
+#: `Room` and `Matches`.
+ScratchType, Scratch = struct("Scratch", __name__, ("votes", "room", "matches"))
+
+#: - sky, pairs: the guide stars and the camera that looks at them;
+#: - levels: the levels of the search (`cells.LEVEL`);
+#: - limits: when it ends (`search.Limits`);
+#: - votes, room, matches: scratch memory;
+#: - frame: the centroids;
+#: - progress: (1,) of `search.PROGRESS`;
+#: - best: the best pose so far, its rotation an array that Python reads too;
+#: - outcome: (1,) of `OUTCOME`;
+#: - quaternion, covariance: (4,) and (3, 3) of the attitude of a labelled frame.
+EngineType, Engine = struct("Engine", __name__, (
+    "sky", "pairs", "levels", "limits", "votes", "room", "matches", "frame",
+    "progress", "best", "outcome", "quaternion", "covariance",
+))
+
+#: What became of a frame. `n_usable` centroids are finite and in the image; the rest is that of a
+#: labelled frame: its boresight, and the root mean square residual of the identified stars.
+OUTCOME = np.dtype([
+    ("n_usable", np.int64), ("ra_rad", np.float64), ("dec_rad", np.float64),
+    ("roll_rad", np.float64), ("rms_px", np.float64),
+])
+
+
+class Sizes(NamedTuple):
+    """How much memory an engine needs: numbers of guide stars, centroids, companions, cells."""
+
+    guides: int
+    centroids: int
+    companions: int
+    cells: int
+
+
+class Results(NamedTuple):
+    """The arrays in which Python finds what an engine has found; see `Engine`."""
+
+    progress: NDArray[np.void]
+    vectors: Floats
+    rotation: Floats
+    outcome: NDArray[np.void]
+    quaternion: Floats
+    covariance: Floats
+
+    @classmethod
+    def blank(cls, n_centroids: int) -> "Results":
+        """Return results of nothing, with room for so many centroids."""
+        return cls(
+            np.zeros(1, PROGRESS), np.empty((n_centroids, 3)), np.eye(3), np.zeros(1, OUTCOME),
+            np.zeros(4), np.zeros((3, 3)),
+        )
+
+
+@compiled
+def make_scratch(sizes: Sizes) -> Any:
+    """Return memory for engines of one catalogue."""
+    return Scratch(
+        empty_votes(sizes.guides, sizes.companions), empty_room(sizes.cells),
+        empty_matches(sizes.guides, sizes.centroids),
+    )
+
+
+@compiled
+def make_engine(
+    view: View, table: PairTable, search: tuple[NDArray[np.void], Limits], scratch: Any,
+    results: Results,
+) -> Any:
+    """Put an engine together: what it sees, its pairs, how it searches, and its memory."""
+    sky = Sky(
+        view.guides, view.v_mag, view.optics, view.focal_px, view.radius_rad, view.evidence
+    )
+    pairs = Pairs(
+        table.separation_rad, table.main_azimuth, table.bin_start, table.near_start,
+        table.near_separation_rad, table.near_azimuth, table.near_companion,
+        table.max_separation_rad,
+    )
+    levels, limits = search
+    return Engine(
+        sky, pairs, levels, limits, scratch.votes, scratch.room, scratch.matches,
+        empty_frame(results.vectors), results.progress, Pose(results.rotation, 1.0),
+        results.outcome, results.quaternion, results.covariance,
+    )

@@ -1,0 +1,157 @@
+"""After the first stretch of a search: the other parity, patience, the fallback, doubt."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+
+from star_tracker.identification.ended import Ended
+from star_tracker.identification.fallback import StarField, Steps
+from star_tracker.identification.search import Limits
+from star_tracker.identification.searcher import Searcher, Task
+
+#: Where the parity is known the other one has to fit better by more than rounding to raise doubt.
+#: Where it is not, a solution that is not certain needs this lead over the other parity's; in any
+#: case over other poses of its own.
+_MIRROR_LEAD = 0.01
+_PARITY_LEAD = 4.0
+_POSE_LEAD = 1.0
+#: With both matchers, the share of the deadline after which the primary makes way.
+_PRIMARY_SHARE = 0.5
+
+Candidates = Callable[[StarField], Steps]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a frame ended.
+
+    Attributes:
+        ended: SOLVED, EXHAUSTED, AMBIGUOUS, or MORE where the time was up.
+        best: the searcher with the best pose.
+        n_hypotheses: how many hypotheses were compared.
+        reason: a sentence, empty where solved.
+    """
+
+    ended: Ended
+    best: Searcher
+    n_hypotheses: int
+    reason: str = ""
+
+
+class Escalation:
+    """Goes on with a frame that its first searcher has begun and not solved.
+
+    Args:
+        searchers: of both parities, the one asked for first.
+        both: whether both parities are asked for; else the second one only raises doubt.
+        limits: when a search ends.
+        fallback: candidates of the second matcher for a field, or None.
+        primary: whether the primary matcher searches; else the fallback does alone.
+    """
+
+    def __init__(
+        self, searchers: Sequence[Searcher], limits: Limits, *, both: bool,
+        fallback: Candidates | None, primary: bool,
+    ) -> None:
+        self._searchers, self._limits = searchers, limits
+        self._asked = searchers if both else searchers[:1]
+        self._fallback, self._primary = fallback, primary
+
+    def run(self, task: Task) -> Verdict:
+        """Solve a frame, or say why not."""
+        n_hypotheses = self._search_on(task) + sum(one.n_hypotheses for one in self._asked)
+        for one in self._asked:
+            if one.ended == Ended.SOLVED:
+                return Verdict(Ended.SOLVED, one, n_hypotheses)
+        best = max(self._asked, key=lambda one: one.score)
+        found = f"the best of {n_hypotheses} hypotheses has log10 false alarms {-best.score:.1f}"
+        in_time = all(one.ended != Ended.MORE for one in self._asked)
+        ended, reason = Ended.EXHAUSTED, found
+        if best.score > self._limits.certain:  # found by the fallback
+            ended = Ended.SOLVED
+        elif best.score > self._limits.enough:
+            ended, reason = self._doubt(best, task)
+            if not in_time:
+                ended = Ended.MORE
+        elif not in_time:
+            ended = Ended.MORE
+        if ended == Ended.MORE:
+            reason = f"deadline {task.deadline_ms:g} ms passed, {found}"
+        if ended == Ended.SOLVED:
+            best.label(task)
+        return Verdict(ended, best, n_hypotheses, reason)
+
+    def _search_on(self, task: Task) -> int:
+        """Let the primary go on, the fallback have its turn, and the primary what time is left.
+
+        Ends where something is solved. Returns the hypotheses that the fallback has compared.
+        """
+        for other in self._asked[1:]:
+            other.follow(task)
+            if other.ended == Ended.SOLVED:
+                return 0
+        if self._fallback is None:
+            self._exhaust(self._asked, task, task.deadline_s)
+            return 0
+        if self._primary:
+            share_s = _PRIMARY_SHARE * task.deadline_ms / 1e3
+            self._exhaust(self._asked, task, task.started_s + share_s)
+        n_fallback = 0
+        if max(one.score for one in self._asked) <= self._limits.enough:
+            n_fallback = self._fall_back(self._fallback, task)
+        unsolved = max(one.score for one in self._asked) <= self._limits.certain
+        if unsolved and time.perf_counter() < task.deadline_s:
+            self._exhaust(self._asked, task, task.deadline_s)
+        return n_fallback
+
+    def _exhaust(self, searchers: Sequence[Searcher], task: Task, deadline_s: float) -> None:
+        """Go on in turn until a search has solved the frame, all have ended or time is up.
+
+        Those that time has stopped have still ended with MORE.
+        """
+        while any(one.ended == Ended.MORE for one in searchers):
+            for one in searchers:
+                if one.ended == Ended.MORE:
+                    one.go_on(task)
+                if one.ended == Ended.SOLVED or time.perf_counter() > deadline_s:
+                    return
+
+    def _doubt(self, best: Searcher, task: Task) -> tuple[Ended, str]:
+        """Hold a pose that is good enough, but not certain, against its rivals."""
+        both = len(self._asked) == len(self._searchers)
+        other = self._searchers[1 if best is self._searchers[0] else 0]
+        if not both:
+            other.follow(task)
+            self._exhaust([other], task, task.deadline_s)
+            if other.ended == Ended.MORE:
+                return Ended.MORE, ""
+        elif other.score > best.score - _PARITY_LEAD:
+            return Ended.AMBIGUOUS, (
+                "the sky and its mirror image fit about as well: set parity to normal or mirrored"
+            )
+        if other.score > best.score + _MIRROR_LEAD:
+            return Ended.AMBIGUOUS, (
+                f"the mirror image of the sky fits better: set parity to {other.camera.parity}"
+            )
+        if best.rival_score > best.score - _POSE_LEAD:
+            return Ended.AMBIGUOUS, (
+                "two attitudes fit about as well: a frame with more stars tells them apart"
+            )
+        return Ended.SOLVED, ""
+
+    def _fall_back(self, candidates: Candidates, task: Task) -> int:
+        """Judge the candidates of the fallback; return how many hypotheses were compared."""
+        n_compared = [0] * len(self._asked)
+        sources = [candidates(one.field()) for one in self._asked]
+        for steps in zip_longest(*sources):
+            for at, step in enumerate(steps):
+                if step is None:
+                    continue
+                one, (n_compared[at], candidate) = self._asked[at], step
+                if candidate is not None and one.judge(candidate):
+                    return sum(n_compared)
+                if time.perf_counter() > task.deadline_s:
+                    one.ended = Ended.MORE
+                    return sum(n_compared)
+        return sum(n_compared)

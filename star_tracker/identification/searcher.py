@@ -1,0 +1,130 @@
+"""One engine as Python sees it: the search of frames under one parity."""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from star_tracker.geometry.spherical import Floats
+from star_tracker.identification import verbs
+from star_tracker.identification.ended import Ended
+from star_tracker.identification.engine import Results
+from star_tracker.identification.fallback import Candidate, StarField
+from star_tracker.optics.camera import Camera
+
+#: How a solution was come by: with no prior knowledge, or from a predicted attitude.
+LOST_IN_SPACE, TRACKING = MODES = ("lost_in_space", "tracking")
+#: The matchers, the primary first.
+METHODS = ("match_group", "radial_cyclic")
+
+
+@dataclass(slots=True)
+class Task:
+    """One frame on its way.
+
+    Attributes:
+        xy_px: (n, 2) centroids.
+        intensity: (n,), or (0,) where they are not known.
+        labels: (n,) of `labels.LABEL`, which the engine writes.
+        started_s: `time.perf_counter` of its coming.
+        deadline_ms: the time that it has.
+    """
+
+    xy_px: Floats
+    intensity: Floats
+    labels: NDArray[Any]
+    started_s: float
+    deadline_ms: float
+
+    @property
+    def deadline_s(self) -> float:
+        """`time.perf_counter` when its time is up."""
+        return self.started_s + self.deadline_ms / 1e3
+
+    @property
+    def elapsed_ms(self) -> float:
+        """Wall-clock time since it came."""
+        return 1e3 * (time.perf_counter() - self.started_s)
+
+
+class Searcher:
+    """Searches frames under one parity.
+
+    Attributes:
+        camera: of that parity.
+        ended: how the last step ended.
+        method: the matcher whose pose is the best.
+        mode: of `MODES`, how that pose was come by.
+    """
+
+    __slots__ = ("_engine", "_progress", "camera", "ended", "method", "mode", "results")
+
+    def __init__(self, camera: Camera, engine: Any, results: Results) -> None:
+        self.camera, self._engine, self.results = camera, engine, results
+        self._progress = results.progress
+        self.ended, self.method, self.mode = Ended.MORE, METHODS[0], LOST_IN_SPACE
+
+    def follow(self, task: Task) -> None:
+        """Begin a frame, search for a while and label it where that solves it."""
+        self.method, self.mode = METHODS[0], LOST_IN_SPACE
+        self.ended = Ended(verbs.follow(self._engine, task.xy_px, task.intensity, task.labels))
+
+    def track(self, task: Task, rotation: Floats) -> None:
+        """Begin a frame with a predicted rotation (3, 3) and label it where that solves it."""
+        self.method, self.mode = METHODS[0], TRACKING
+        self.results.rotation[:] = rotation
+        self.ended = Ended(verbs.track(self._engine, task.xy_px, task.intensity, task.labels))
+
+    def go_on(self, task: Task) -> None:
+        """Search on for a while, and label the frame where that solves it."""
+        self.ended = Ended(verbs.go_on(self._engine, task.labels))
+
+    def judge(self, candidate: Candidate) -> bool:
+        """Judge a candidate of the fallback; return whether it is certain."""
+        before = self.score
+        ended = verbs.judge_match(
+            self._engine, candidate.observed, candidate.catalog, candidate.tolerance_px
+        )
+        if self.score > before:
+            self.method = METHODS[1]
+        return bool(ended == Ended.CERTAIN)
+
+    def label(self, task: Task) -> None:
+        """Label the frame with the best pose."""
+        verbs.label_best(self._engine, task.labels)
+        self.ended = Ended.SOLVED
+
+    def field(self) -> StarField:
+        """Return the frame's stars for the fallback; they hold until the next frame."""
+        return StarField(self.results.vectors[: self.n_usable], self.camera.focal_length_px)
+
+    @property
+    def n_usable(self) -> int:
+        """Centroids that are finite and in the image."""
+        return int(self.results.outcome["n_usable"][0])
+
+    @property
+    def score(self) -> float:
+        """Decades of evidence of the best pose."""
+        return float(self._progress["score"][0])
+
+    @property
+    def rival_score(self) -> float:
+        """Decades of evidence of the best other pose."""
+        return float(self._progress["rival_score"][0])
+
+    @property
+    def n_hypotheses(self) -> int:
+        """Pairs matched with pairs so far by the primary."""
+        return int(self._progress["n_hypotheses"][0])
+
+    @property
+    def wrong_probability(self) -> float:
+        """Of the best pose, against its best rival and against no pose at all.
+
+        Bayes' theorem for evidence 10^score and, for no pose, 1; all equally likely beforehand.
+        """
+        score, rival = self.score, self.rival_score
+        odds: float = 10.0 ** min(-score, 300.0) + 10.0 ** min(rival - score, 300.0)
+        return odds / (1.0 + odds)

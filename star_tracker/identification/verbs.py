@@ -1,0 +1,137 @@
+"""What an engine does with a frame: the compiled way, in a few verbs.
+
+`begin` takes the centroids in, `go_on` searches, `judge_match` and `judge_pose` try what others
+propose, and `label` names the stars and fits the attitude. `follow` and `track` are these in a
+row, one call from Python for nearly every frame.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from star_tracker.attitude.attitude import write_covariance
+from star_tracker.attitude.wahba import solve_wahba
+from star_tracker.compiled import compiled
+from star_tracker.geometry.rotation import boresight_of, is_rotation, write_quaternion
+from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.ended import MIN_STARS, Ended
+from star_tracker.identification.labels import StarState, label_frame
+from star_tracker.identification.search import certain, forget, judge_and_keep, search
+from star_tracker.optics.frame import fill_frame
+
+#: A predicted pose may be off by this many pixels, as the tolerance of a candidate.
+_TRACKING_PX = 12.0
+
+
+@compiled
+def begin(engine: Any, xy_px: Floats, intensity: Floats) -> int:
+    """Take in centroids (m, 2) and intensities (m,) or (0,); MORE, TOO_FEW or TOO_MANY."""
+    frame = engine.frame
+    fill_frame(frame, engine.sky.optics, xy_px, intensity)
+    engine.outcome[0].n_usable = frame.n
+    forget(engine.progress[0])
+    if frame.n < MIN_STARS:
+        return Ended.TOO_FEW
+    return Ended.TOO_MANY if frame.n > len(frame.row) else Ended.MORE
+
+
+@compiled
+def go_on(engine: Any, labels: NDArray[np.void]) -> int:
+    """Search on, within the budget of work; label the frame where that makes a pose certain.
+
+    Returns MORE, EXHAUSTED, CERTAIN (of a pose that is enough, but has to face its rivals) or
+    SOLVED.
+    """
+    return _labelled(engine, labels, search(engine))
+
+
+@compiled
+def judge_match(
+    engine: Any, observed: NDArray[np.int64], catalog: NDArray[np.int64], tolerance_px: float
+) -> int:
+    """Judge the pose of matched centroids (k,) and guide stars (k,); CERTAIN or MORE.
+
+    Matches that lie on one line of sight are no hypothesis and are passed over.
+    """
+    pose, vectors = engine.room.pose, engine.frame.vectors
+    sky_vectors = engine.sky.guides.vectors
+    if not solve_wahba(vectors, observed, sky_vectors, catalog, len(observed), pose.rotation):
+        return Ended.MORE
+    score = judge_and_keep(engine, pose, tolerance_px)
+    return Ended.CERTAIN if score > engine.limits.certain else Ended.MORE
+
+
+@compiled
+def judge_pose(engine: Any) -> int:
+    """Judge the pose that stands in `best`; return CERTAIN, MORE or NO_ROTATION."""
+    progress, pose = engine.progress[0], engine.room.pose
+    if not is_rotation(engine.best.rotation):
+        return Ended.NO_ROTATION
+    for i in range(3):
+        for j in range(3):
+            pose.rotation[i, j] = engine.best.rotation[i, j]
+    judge_and_keep(engine, pose, _TRACKING_PX)
+    found = certain(progress, engine.limits, engine.frame.n)
+    return Ended.CERTAIN if found else Ended.MORE
+
+
+@compiled
+def label(engine: Any, labels: NDArray[np.void]) -> None:
+    """Write a row of `labels` for each centroid, and the attitude of the best pose."""
+    rotation, outcome, frame = engine.best.rotation, engine.outcome[0], engine.frame
+    k, sum2 = label_frame(engine, labels)
+    write_quaternion(rotation, engine.quaternion)
+    outcome.ra_rad, outcome.dec_rad, outcome.roll_rad = boresight_of(rotation)
+    # Three of the 2 k coordinates went into the rotation.
+    optics = engine.sky.optics
+    sigma = np.sqrt(sum2 / (2 * k - 3) / (optics[2] * optics[3]))
+    write_covariance(frame.vectors, engine.matches.observed, k, sigma, engine.covariance)
+    outcome.rms_px = np.sqrt(sum2 / k)
+
+
+@compiled
+def label_best(engine: Any, labels: NDArray[np.void]) -> None:
+    """Label a frame whose best pose need not be the one judged last."""
+    engine.matches.n_settled = 0
+    label(engine, labels)
+
+
+@compiled
+def follow(engine: Any, xy_px: Floats, intensity: Floats, labels: NDArray[np.void]) -> int:
+    """Begin a frame and go on with it; return how that ended."""
+    blank(labels)
+    ended = begin(engine, xy_px, intensity)
+    return go_on(engine, labels) if ended == Ended.MORE else ended
+
+
+@compiled
+def track(engine: Any, xy_px: Floats, intensity: Floats, labels: NDArray[np.void]) -> int:
+    """Begin a frame, judge the pose that stands in `best` and label it where that is certain."""
+    blank(labels)
+    ended = begin(engine, xy_px, intensity)
+    if ended == Ended.MORE:
+        ended = judge_pose(engine)
+    elif not is_rotation(engine.best.rotation):
+        ended = Ended.NO_ROTATION
+    return _labelled(engine, labels, ended)
+
+
+@compiled
+def _labelled(engine: Any, labels: NDArray[np.void], ended: int) -> int:
+    """Label a frame whose search has ended with a pose that needs no second look."""
+    progress = engine.progress[0]
+    if ended not in (Ended.EXHAUSTED, Ended.CERTAIN) or progress.score <= engine.limits.certain:
+        return ended
+    if progress.n_since_best > 0:  # the pose judged last is not the best one
+        engine.matches.n_settled = 0
+    label(engine, labels)
+    return Ended.SOLVED
+
+
+@compiled
+def blank(labels: NDArray[np.void]) -> None:
+    """Identify nothing."""
+    for i in range(len(labels)):
+        row = labels[i]
+        row.catalog_index, row.residual_px, row.state = -1, np.nan, StarState.UNIDENTIFIED

@@ -1,0 +1,138 @@
+"""A frame: the usable centroids of one image as directions, for compiled code."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from star_tracker.compiled import compiled, struct
+from star_tracker.geometry.spherical import Floats
+from star_tracker.optics.camera import in_image, plane_of_pixel
+
+#: A centroid this far outside of the image (in image sizes) cannot have come from it: noise may
+#: push some over its edge. With distortion there is no margin, the lens may have no rays beyond.
+_OUTSIDE_MARGIN = 0.05
+#: Two stars closer than this have no good position angle, pixels.
+_CLOSEST_PX = 15.0
+
+#: The usable centroids, from left to right, in arrays with room for `len(row)` of them:
+#:
+#: - n: how many centroids are usable, which may be more than there is room for;
+#: - vectors: (room, 3) unit vectors in the optical frame;
+#: - plane_px: (room, 2) undistorted image coordinates about the principal point, px, y down;
+#:   plane_px[:n, 0] ascends;
+#: - row: (room,) index of the centroid in the input;
+#: - mains: (room,) indices in the order in which stars are tried as main star;
+#: - magnitude: (room,) instrumental magnitudes, NaN = not known;
+#: - has_brightness: whether intensities were given;
+#: - points, input_row, key: room for sorting.
+FrameType, Frame = struct("Frame", __name__, (
+    "n", "vectors", "plane_px", "row", "mains", "magnitude", "has_brightness",
+    "points", "input_row", "key",
+))
+
+
+@compiled
+def empty_frame(vectors: Floats) -> Any:
+    """Return a frame without centroids, with room for as many as `vectors` (room, 3) has."""
+    room = len(vectors)
+    return Frame(
+        0, vectors, np.empty((room, 2)), np.empty(room, np.int64),
+        np.empty(room, np.int64), np.empty(room), False,
+        np.empty((room, 2)), np.empty(room, np.int64), np.empty(room),
+    )
+
+
+@compiled
+def fill_frame(frame: Any, optics: Floats, xy_px: Floats, intensity: Floats) -> None:
+    """Take in centroids (m, 2), pixels, and intensities (m,), or (0,) where there are none.
+
+    Centroids that are not finite, outside of the image or without a ray of the lens are left out.
+    Where more are usable than there is room for, they are counted and not taken in.
+    """
+    frame.n = _take_usable(frame, optics, xy_px)
+    frame.has_brightness = len(intensity) > 0
+    if frame.n > len(frame.row):
+        return
+    n, vectors, plane_px, row = frame.n, frame.vectors, frame.plane_px, frame.row
+    for i in range(n):
+        row[i] = i
+    _sort(row, frame.key, n)
+    focal_px = np.sqrt(optics[2] * optics[3])
+    points, input_row = frame.points, frame.input_row
+    for i in range(n):
+        x, y = points[row[i], 0], points[row[i], 1]
+        scale = 1.0 / np.sqrt(1.0 + x * x + y * y)
+        vectors[i, 0], vectors[i, 1], vectors[i, 2] = x * scale, y * scale, scale
+        plane_px[i, 0], plane_px[i, 1] = x * focal_px, y * focal_px
+        row[i] = input_row[row[i]]
+    if frame.has_brightness:
+        magnitude = frame.magnitude
+        for i in range(n):
+            value = intensity[row[i]]
+            magnitude[i] = -2.5 * np.log10(value) if 0.0 < value < np.inf else np.nan
+    _order_mains(frame)
+
+
+@compiled
+def _take_usable(frame: Any, optics: Floats, xy_px: Floats) -> int:
+    """Write the usable centroids' normalised coordinates and rows; return their number."""
+    points, input_row, key = frame.points, frame.input_row, frame.key
+    margin = 0.0 if optics[7] != 0.0 else _OUTSIDE_MARGIN * max(optics[0], optics[1])
+    n = 0
+    for i in range(len(xy_px)):
+        if in_image(optics, xy_px[i, 0], xy_px[i, 1], margin):
+            x, y, exists = plane_of_pixel(optics, xy_px[i, 0], xy_px[i, 1])
+            if exists:
+                if n < len(input_row):
+                    points[n, 0], points[n, 1] = x, y
+                    input_row[n], key[n] = i, x
+                n += 1
+    return n
+
+
+@compiled
+def _order_mains(frame: Any) -> None:
+    """Order the stars with the nearest companions first, bright ones before faint ones.
+
+    Close pairs have the fewest look-alikes in the catalogue, so that they are compared fastest.
+    Those too close for a good position angle count as if they were farther. Bright stars are less
+    likely to be false.
+    """
+    n, plane_px, magnitude = frame.n, frame.plane_px, frame.magnitude
+    mains, key, has_brightness = frame.mains, frame.key, frame.has_brightness
+    for i in range(n):
+        d1 = d2 = d3 = 1e30  # squared distances of the three nearest
+        for direction in (-1, 1):
+            j = i + direction
+            while 0 <= j < n:
+                dx, dy = plane_px[j, 0] - plane_px[i, 0], plane_px[j, 1] - plane_px[i, 1]
+                if dx * dx >= d3:
+                    break
+                d = max(dx * dx + dy * dy, _CLOSEST_PX**2)
+                if d < d1:
+                    d1, d2, d3 = d, d1, d2
+                elif d < d2:
+                    d2, d3 = d, d2
+                elif d < d3:
+                    d3 = d
+                j += direction
+        mains[i], key[i] = i, np.sqrt(d1) + np.sqrt(d2) + np.sqrt(d3)
+        if has_brightness:
+            brighter = 0
+            for j in range(n):
+                brighter += not magnitude[j] >= magnitude[i]
+            key[i] *= 1.0 + brighter / n
+    _sort(mains, key, n)
+
+
+@compiled
+def _sort(values: NDArray[np.int64], key: Floats, n: int) -> None:
+    """Sort the first `n` values by their keys, both in place (Shell 1959; gaps of Ciura 2001)."""
+    for gap in (701, 301, 132, 57, 23, 10, 4, 1):
+        for i in range(gap, n):
+            value, k, at = values[i], key[i], i
+            while at >= gap and key[at - gap] > k:
+                values[at], key[at] = values[at - gap], key[at - gap]
+                at -= gap
+            values[at], key[at] = value, k
