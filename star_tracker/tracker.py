@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike
 
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.catalogue.triangles import TriangleTable
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification import fallback
+from star_tracker.identification import fallback, plan
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.engine import (
     Results,
@@ -18,7 +19,7 @@ from star_tracker.identification.engine import (
     make_scratch,
 )
 from star_tracker.identification.escalation import Candidates, Escalation, Verdict
-from star_tracker.identification.evidence import evidence
+from star_tracker.identification.evidence import evidence, scale_prior
 from star_tracker.identification.judge import View
 from star_tracker.identification.labels import LABEL, Identification
 from star_tracker.identification.search import Limits
@@ -130,9 +131,11 @@ class StarTracker:
             mirror = "normal" if camera.parity == "mirrored" else "mirrored"
             cameras += (camera.with_parity(mirror),)
         n = len(database.catalog)
-        levels = s.match_group.levels[: None if self._primary else 0]
-        companions = max([level["companions"] for level in levels], default=1)
-        sizes = Sizes(n, s.max_centroids, int(companions), s.match_group.cells)
+        prior = scale_prior(camera.tolerance_percent)
+        levels = plan.levels(s.match_group, prior)[: None if self._primary else 0]
+        shapes = database.triangles if np.any(levels["by_shape"]) else TriangleTable.empty()
+        companions = max(levels["companions"], default=1)
+        sizes = Sizes(n, s.max_centroids, int(companions), max(levels["cells"], default=1))
         scratch = make_scratch(sizes)
         known = evidence(n + s.max_centroids, s.centroid_sigma_px)
         v_mag = np.ascontiguousarray(database.catalog.v_mag, float)
@@ -140,11 +143,11 @@ class StarTracker:
         for one in cameras:
             view = View(
                 database.sky_index, v_mag, one.optics, one.focal_length_px, camera.radius_rad,
-                known,
+                known, prior,
             )
             results = Results.blank(s.max_centroids)
             engine = make_engine(
-                view, database.pairs, (levels, limits), scratch, results
+                view, database.pairs, shapes, (levels, limits), scratch, results
             )
             searchers.append(Searcher(one, engine, results))
         return searchers
@@ -222,7 +225,7 @@ class StarTracker:
 def _solved(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
     """Return the solution of a labelled frame."""
     labels, results = task.labels, searcher.results
-    n_usable, ra, dec, roll, rms_px = results.outcome.item()
+    n_usable, ra, dec, roll, rms_px, *_ = results.outcome.item()
     return frozen(
         Solution, status=Status.SOLVED, reason="identified",
         identification=frozen(

@@ -7,10 +7,8 @@ are therefore the camera's x, y and z axes seen from the sky.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from star_tracker.attitude.information import adjugate, determinant, with_direction
-from star_tracker.compiled import compiled
+from star_tracker.attitude.joint_fit import write_covariance
 from star_tracker.geometry.rotation import boresight_of, rotation_matrix, write_quaternion
 from star_tracker.geometry.spherical import Floats
 
@@ -58,25 +56,6 @@ def covariance(camera_vectors: Floats, sigma_rad: float) -> Floats:
     """
     result = np.empty((3, 3))
     vectors = np.ascontiguousarray(camera_vectors, float)
-    write_covariance(vectors, np.arange(len(vectors)), len(vectors), sigma_rad, result)
+    every, known = np.arange(len(vectors)), np.inf
+    write_covariance(vectors, every, len(vectors), (sigma_rad * sigma_rad, known), result)
     return result
-
-
-@compiled
-def write_covariance(
-    vectors: Floats, observed: NDArray[np.int64], k: int, sigma_rad: float, result: Floats
-) -> None:
-    """Write the covariance of an attitude fitted to the first `k` of the vectors observed."""
-    m = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for i in range(k):
-        b = vectors[observed[i]]
-        m = with_direction(m, b[0], b[1], b[2])
-    a = adjugate(m)
-    scale = sigma_rad * sigma_rad / determinant(m, a)
-    result[0, 0], result[1, 1], result[2, 2] = a[0], a[3], a[5]
-    result[0, 1] = result[1, 0] = a[1]
-    result[0, 2] = result[2, 0] = a[2]
-    result[1, 2] = result[2, 1] = a[4]
-    for i in range(3):
-        for j in range(3):
-            result[i, j] *= scale

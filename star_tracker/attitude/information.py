@@ -20,6 +20,18 @@ def with_direction(m: Symmetric, x: float, y: float, z: float) -> Symmetric:
 
 
 @inlined
+def with_scale(c: tuple[float, float, float], x: float, y: float, z: float) -> tuple[
+    float, float, float
+]:
+    """Return what b = (x, y, z) adds to the information that rotation and log f share.
+
+    A small rotation w and a step s of log f move b by w x b + s d, d = b (1 - z^2) - (x, y, 0).
+    The sum of d^2 is the third element, that of b x d the first two; its z component is 0.
+    """
+    return c[0] + z * y, c[1] - z * x, c[2] + (1 - z * z) * z * z
+
+
+@inlined
 def adjugate(m: Symmetric) -> Symmetric:
     """Return the adjugate of a symmetric matrix: its inverse times its determinant."""
     xx, xy, xz, yy, yz, zz = m

@@ -11,6 +11,7 @@ from star_tracker.catalogue.feature_file import Features, identity, load_feature
 from star_tracker.catalogue.pairs import PairTable
 from star_tracker.catalogue.patterns import PatternSettings, PatternTable
 from star_tracker.catalogue.sky_index import SkyIndex
+from star_tracker.catalogue.triangles import TriangleTable
 from star_tracker.resources import cache_folder, sources_digest
 
 #: The paper keeps pairs to 12 deg (5.2.4.1): enough for the nearest companions in any wider field.
@@ -100,6 +101,11 @@ class FeatureDatabase:
     def sky_index(self) -> SkyIndex:
         """The guide stars by place on the sky."""
         return SkyIndex.build(self.catalog.vectors)
+
+    @cached_property
+    def triangles(self) -> TriangleTable:
+        """The guide stars' triangles by shape, for a camera whose scale is not known."""
+        return TriangleTable.build(self.catalog.vectors)
 
     @cached_property
     def patterns(self) -> PatternTable:

@@ -24,14 +24,6 @@ from star_tracker.identification.votes import ROLL_BINS, ROLL_BITS, ROLL_SHIFT, 
 #: Most members of a cell that are looked at.
 MEMBERS = 64
 MOST_COMPANIONS = 40
-#: One level of a search: tolerance of a pair's separation, how many companions vote for a main
-#: star, how many main stars there are, and how many companions vote at a time.
-LEVEL = np.dtype([
-    ("tolerance_px", np.float64), ("companions", np.int64), ("mains", np.int64),
-    ("batch", np.int64),
-])
-#: As many main stars as the frame has stars.
-_ALL = np.iinfo(np.int64).max
 
 
 @dataclass(frozen=True)
@@ -58,18 +50,6 @@ class MatchGroupSettings:
             raise ValueError(
                 f"companions must be from 1 to {MOST_COMPANIONS} and cells at least 1"
             )
-
-    @property
-    def levels(self) -> NDArray[np.void]:
-        """The levels of the search (levels,), of `LEVEL`.
-
-        The companions of a batch vote before their best cells are judged. The short search was
-        chosen for the median time over noise, missing and false stars (benchmark/RESULTS.md).
-        """
-        first, second = self.pair_tolerance_px[0], self.pair_tolerance_px[:2][-1]
-        quick = [(first, 6, 2, 3), (first, 16, 5, 16), (second, 12, 3, 12)]
-        full = [(t, self.companions, _ALL, self.companions) for t in self.pair_tolerance_px]
-        return np.array(quick * self.quick + full, LEVEL)
 
 
 #: Room for the highest cells (c,) with their votes, for the members of one, `observed` and

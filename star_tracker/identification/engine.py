@@ -7,11 +7,13 @@ from numpy.typing import NDArray
 
 from star_tracker.attitude.pose import Pose
 from star_tracker.catalogue.pairs import PairTable
+from star_tracker.catalogue.triangles import TriangleTable
 from star_tracker.compiled import compiled, struct
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.cells import empty_room
 from star_tracker.identification.judge import Sky, View, empty_matches
 from star_tracker.identification.search import PROGRESS, Limits
+from star_tracker.identification.shapes import Triangles, empty_fan
 from star_tracker.identification.votes import empty_votes
 from star_tracker.optics.frame import empty_frame
 
@@ -19,28 +21,30 @@ from star_tracker.optics.frame import empty_frame
 PairsType, Pairs = struct("Pairs", __name__, PairTable._fields)
 
 #: Memory that engines of one thread can share, as it is used by one step at a time: `Votes`,
-#: `Room` and `Matches`.
-ScratchType, Scratch = struct("Scratch", __name__, ("votes", "room", "matches"))
+#: `Room`, `Matches` and `Fan`.
+ScratchType, Scratch = struct("Scratch", __name__, ("votes", "room", "matches", "fan"))
 
-#: - sky, pairs: the guide stars and the camera that looks at them;
-#: - levels: the levels of the search (`cells.LEVEL`);
+#: - sky, pairs, triangles: the guide stars and the camera that looks at them;
+#: - levels: the levels of the search (`plan.LEVEL`);
 #: - limits: when it ends (`search.Limits`);
-#: - votes, room, matches: scratch memory;
+#: - votes, room, matches, fan: scratch memory;
 #: - frame: the centroids;
 #: - progress: (1,) of `search.PROGRESS`;
 #: - best: the best pose so far, its rotation an array that Python reads too;
 #: - outcome: (1,) of `OUTCOME`;
 #: - quaternion, covariance: (4,) and (3, 3) of the attitude of a labelled frame.
 EngineType, Engine = struct("Engine", __name__, (
-    "sky", "pairs", "levels", "limits", "votes", "room", "matches", "frame",
+    "sky", "pairs", "triangles", "levels", "limits", "votes", "room", "matches", "fan", "frame",
     "progress", "best", "outcome", "quaternion", "covariance",
 ))
 
 #: What became of a frame. `n_usable` centroids are finite and in the image; the rest is that of a
-#: labelled frame: its boresight, and the root mean square residual of the identified stars.
+#: labelled frame: its boresight, the root mean square residual of the identified stars, its scale,
+#: the variance of a centroid along each axis, and that of the log of the scale.
 OUTCOME = np.dtype([
     ("n_usable", np.int64), ("ra_rad", np.float64), ("dec_rad", np.float64),
-    ("roll_rad", np.float64), ("rms_px", np.float64),
+    ("roll_rad", np.float64), ("rms_px", np.float64), ("scale", np.float64),
+    ("variance_px2", np.float64), ("scale_variance", np.float64),
 ])
 
 
@@ -77,27 +81,33 @@ def make_scratch(sizes: Sizes) -> Any:
     """Return memory for engines of one catalogue."""
     return Scratch(
         empty_votes(sizes.guides, sizes.companions), empty_room(sizes.cells),
-        empty_matches(sizes.guides, sizes.centroids),
+        empty_matches(sizes.guides, sizes.centroids), empty_fan(sizes.companions),
     )
 
 
 @compiled
 def make_engine(
-    view: View, table: PairTable, search: tuple[NDArray[np.void], Limits], scratch: Any,
-    results: Results,
+    view: View, table: PairTable, shapes: TriangleTable,
+    search: tuple[NDArray[np.void], Limits], scratch: Any, results: Results,
 ) -> Any:
-    """Put an engine together: what it sees, its pairs, how it searches, and its memory."""
+    """Put an engine together: what it sees, pairs and shapes, how it searches, and its memory."""
     sky = Sky(
-        view.guides, view.v_mag, view.optics, view.focal_px, view.radius_rad, view.evidence
+        view.guides, view.v_mag, view.optics, view.focal_px, view.radius_rad, view.evidence,
+        view.scale_prior,
     )
     pairs = Pairs(
         table.separation_rad, table.main_azimuth, table.bin_start, table.near_start,
         table.near_separation_rad, table.near_azimuth, table.near_companion,
         table.max_separation_rad,
     )
+    triangles = Triangles(
+        shapes.cell_start, shapes.log_spacing, shapes.main_azimuth, shapes.fan_log_separation,
+        shapes.fan_azimuth, shapes.fan_star,
+    )
     levels, limits = search
     return Engine(
-        sky, pairs, levels, limits, scratch.votes, scratch.room, scratch.matches,
-        empty_frame(results.vectors), results.progress, Pose(results.rotation, 1.0),
+        sky, pairs, triangles, levels, limits,
+        scratch.votes, scratch.room, scratch.matches, scratch.fan,
+        empty_frame(results.vectors), results.progress, Pose(results.rotation, 1.0, False),
         results.outcome, results.quaternion, results.covariance,
     )

@@ -18,6 +18,11 @@ Averaged over unrelated frames B is at most 1, so that by Markov's inequality at
 frame in x reaches B > x anywhere on the sky: searching more of it need not be charged. Hence
 -log10 B is reported as the log10 of expected false alarms. See Shuster and Oh (1981) for M, and
 Lang et al. (2010) for a likelihood ratio in the service of astrometry.
+
+Where the focal length is not known, log f is a fourth unknown, integrated out over a uniform prior
+of `log_range`: (2 pi)^2 (sigma / f)^4 / sqrt(det) / (8 pi^2 log_range) with the information matrix
+of `attitude.joint_fit`. A search over many focal lengths is so charged for all of them at once.
+Where one is told and may be wrong, the told one and the range share the belief, half each.
 """
 
 import math
@@ -25,9 +30,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
+from scipy.special import chdtri, fdtri, gammaln
 
-from star_tracker.attitude.information import adjugate, determinant, with_direction
+from star_tracker.attitude.information import (
+    adjugate,
+    determinant,
+    with_direction,
+    with_scale,
+)
 from star_tracker.compiled import compiled
 from star_tracker.geometry.spherical import Floats
 
@@ -36,6 +46,13 @@ _TYPICAL_SIGMA_PX = 0.7
 _UNKNOWN_FREEDOM = 1.0
 #: How sure a given noise is: that of 10 stars' residuals, 15 % of sigma.
 _KNOWN_FREEDOM = 20.0
+#: No detector's centroids and no lens's model are better than this, px.
+_FLOOR_PX = 0.01
+#: The bound that an attitude's errors should keep within so often, and degrees of freedom beyond
+#: which a variance is as good as known.
+_BOUND, _MOST_FREEDOM = 0.99, 400
+#: Focal lengths are searched so many times the tolerance away: it is told in round numbers.
+_BEYOND_TOLERANCE = 1.1
 #: Brightness as evidence: scatter of a star's measured about its catalogue magnitude (colour
 #: included), share of stars for which that does not hold, range of the unknown zero point, and
 #: share of frames whose intensities mean anything.
@@ -48,6 +65,35 @@ _WIDEST_SCATTER = 2.0
 _MOST_DEVIANT = 50.0
 
 
+class ScalePrior(NamedTuple):
+    """What is known of the focal length beforehand, as a multiple of the camera's own.
+
+    Attributes:
+        low, high: least and greatest log of it.
+        log_range: of the whole range that is searched, of which low to high may be a part.
+        told: whether the camera's own is more than a place in the range.
+        sigma: standard deviation of its log about 0; 0 = it is exact, infinity = any will do.
+    """
+
+    low: float
+    high: float
+    log_range: float
+    told: bool
+    sigma: float
+
+
+#: The camera is exactly as told.
+EXACT = ScalePrior(0.0, 0.0, 0.0, True, 0.0)
+
+
+def scale_prior(tolerance_percent: float) -> ScalePrior:
+    """Return what is known of a focal length that is told with a tolerance, 0 = exact."""
+    if tolerance_percent == 0:
+        return EXACT
+    reach = math.log1p(_BEYOND_TOLERANCE * tolerance_percent / 100)
+    return ScalePrior(-reach, reach, 2 * reach, True, math.log1p(tolerance_percent / 100))
+
+
 class Evidence(NamedTuple):
     """What does not change from frame to frame.
 
@@ -55,11 +101,13 @@ class Evidence(NamedTuple):
         log_factorial: (most + 1,) natural logarithms of 0!, 1!, ...
         freedom: nu, how sure the noise is.
         scale_px2: nu sigma_0^2.
+        widening: by how much a variance of so many degrees of freedom is widened; see `variance`.
     """
 
     log_factorial: Floats
     freedom: float
     scale_px2: float
+    widening: Floats
 
 
 def evidence(most: int, centroid_sigma_px: float) -> Evidence:
@@ -67,44 +115,68 @@ def evidence(most: int, centroid_sigma_px: float) -> Evidence:
     known = centroid_sigma_px > 0
     sigma = centroid_sigma_px if known else _TYPICAL_SIGMA_PX
     freedom = _KNOWN_FREEDOM if known else _UNKNOWN_FREEDOM
-    return Evidence(gammaln(np.arange(most + 1) + 1.0), freedom, freedom * sigma**2)
+    degrees = np.arange(1, _MOST_FREEDOM)
+    widening = np.ones(_MOST_FREEDOM)
+    widening[1:] = fdtri(3, degrees, _BOUND) / (chdtri(3, 1 - _BOUND) / 3)
+    return Evidence(gammaln(np.arange(most + 1) + 1.0), freedom, freedom * sigma**2, widening)
+
+
+@compiled
+def variance(e: Evidence, sum2: float, k: int, free: bool) -> float:
+    """Return the variance of a centroid along each axis, px^2, to be believed of k matches.
+
+    What was known of the noise and the squared residuals together (Gelman et al. 2013, 2.6), never
+    below `_FLOOR_PX`. Few residuals may all be small by chance: where the noise was not told, the
+    variance is widened so that an error beyond the 99 % bound of a normal distribution
+    with it is as rare as it should be, which makes it that of Student's distribution there.
+    """
+    # Three of the 2 k coordinates went into the rotation, and one into the focal length.
+    residual_freedom = 2 * k - (4 if free else 3)
+    value = (e.scale_px2 + sum2) / (e.freedom + residual_freedom)
+    if e.freedom <= _UNKNOWN_FREEDOM:
+        value *= e.widening[min(residual_freedom, len(e.widening) - 1)]
+    return max(value, _FLOOR_PX * _FLOOR_PX)
 
 
 @compiled
 def strongest(
-    sky: Any, frame: Any, matches: Any, n_matched: int, n_predicted: int
+    sky: Any, frame: Any, pose: Any, matches: Any, n_seen: tuple[int, int]
 ) -> tuple[int, float]:
     """Return how many of the best matches carry most evidence (3 or more), and its log10.
 
     Args:
         sky: camera and `Evidence`.
         frame: all centroids.
+        pose: whose scale is known or fitted.
         matches: the matched ones, `observed`, in ascending order of `residual2`.
-        n_matched: how many there are, 3 or more.
-        n_predicted: m, how many guide stars are in the image.
+        n_seen: how many are matched, 3 or more, and m, how many guide stars are in the image.
     """
     e, optics, vectors, observed = sky.evidence, sky.optics, frame.vectors, matches.observed
-    n, m = frame.n, max(n_predicted, n_matched)
-    constant = (
-        -np.log(min(n, m) + 1.0)
-        - e.log_factorial[n] - e.log_factorial[m]
-        + 1.5 * np.log(2 * np.pi) - np.log(8 * np.pi**2) - 3 * np.log(sky.focal_px)
-        - math.lgamma(0.5 * e.freedom) + 0.5 * e.freedom * np.log(0.5 * e.scale_px2)
-    )
+    n_matched = n_seen[0]
+    n, m = frame.n, max(n_seen[1], n_matched)
+    constant = _of_frame(sky, pose, n, m)
     per_star = np.log(optics[0] * optics[1] / (2 * np.pi))
-    information = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    information, of_scale = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     s = 0.0
-    half = 0.5 * (e.freedom + 3)
+    half = 0.5 * (e.freedom + (2 if pose.free else 3))
     log_gamma = math.lgamma(half)
     best, most = -np.inf, 0
     for i in range(n_matched):
         b = vectors[observed[i]]
         information = with_direction(information, b[0], b[1], b[2])
+        if pose.free:
+            of_scale = with_scale(of_scale, b[0], b[1], b[2])
         s += matches.residual2[i]
         k = i + 1
         if k < 3:
             continue
-        size = determinant(information, adjugate(information))
+        a = adjugate(information)
+        size = determinant(information, a)
+        if pose.free:
+            c = of_scale
+            size = size * c[2] - (
+                c[0] * c[0] * a[0] + 2 * c[0] * c[1] * a[1] + c[1] * c[1] * a[3]
+            )
         value = (
             constant + k * per_star
             + e.log_factorial[n - k] + e.log_factorial[k] + e.log_factorial[m - k]
@@ -116,6 +188,24 @@ def strongest(
         log_gamma += np.log(half)
         half += 1.0
     return most, best / np.log(10.0)
+
+
+@compiled
+def _of_frame(sky: Any, pose: Any, n: int, m: int) -> float:
+    """Return the part of the log evidence that n centroids and m guide stars have anyway."""
+    e, prior = sky.evidence, sky.scale_prior
+    constant = (
+        -np.log(min(n, m) + 1.0)
+        - e.log_factorial[n] - e.log_factorial[m]
+        + 1.5 * np.log(2 * np.pi) - np.log(8 * np.pi**2) - 3 * np.log(sky.focal_px * pose.scale)
+        - math.lgamma(0.5 * e.freedom) + 0.5 * e.freedom * np.log(0.5 * e.scale_px2)
+    )
+    if pose.free:
+        constant += 0.5 * np.log(2 * np.pi) - np.log(sky.focal_px * pose.scale)
+        constant -= np.log(prior.log_range)
+    if prior.told and prior.log_range > 0.0:
+        constant += np.log(0.5)
+    return constant
 
 
 @compiled

@@ -9,16 +9,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from star_tracker.attitude.joint_fit import refine_scaled
 from star_tracker.attitude.pose import copy_pose, identity_pose
 from star_tracker.attitude.wahba import refine
 from star_tracker.catalogue.sky_index import SkyIndex, stars_near
 from star_tracker.compiled import compiled, inlined, struct
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.evidence import Evidence, brightness, strongest
+from star_tracker.identification.evidence import Evidence, ScalePrior, brightness, strongest
 from star_tracker.optics.camera import outside_px
+from star_tracker.optics.frame import see_at_scale
 
-#: Rounds of projecting, associating and fitting.
-_ROUNDS = 5
+#: Rounds of projecting, associating and fitting, and more of them where the scale is fitted too.
+_ROUNDS, _MORE_ROUNDS = 5, 2
 #: The gate, in tolerances of the candidate, within which a star may be associated.
 GATE_TOLERANCES = 2.0
 #: The camera sees nothing at 90 deg from its boresight.
@@ -35,6 +37,7 @@ class View(NamedTuple):
         focal_px: its mean focal length.
         radius_rad: largest angle between the boresight and the image's border.
         evidence: factorials and the noise.
+        scale_prior: what is known of the focal length.
     """
 
     guides: SkyIndex
@@ -43,6 +46,7 @@ class View(NamedTuple):
     focal_px: float
     radius_rad: float
     evidence: Evidence
+    scale_prior: ScalePrior
 
 
 #: What `View` holds, for compiled code.
@@ -79,22 +83,25 @@ def empty_matches(n_guides: int, n_centroids: int) -> Any:
 
 
 @compiled
-def look_up(sky: Any, rotation: Floats, margin_px: float, matches: Any) -> int:
+def look_up(sky: Any, pose: Any, margin_px: float, matches: Any) -> int:
     """Find the guide stars in and around the image of a pose; return their number."""
-    reach = min(sky.radius_rad + margin_px / sky.focal_px, _FARTHEST_RAD)
-    return stars_near(sky.guides, rotation[:, 2], reach, matches.near)
+    radius = sky.radius_rad
+    if pose.scale != 1.0:
+        radius = np.arctan(np.tan(radius) / pose.scale)
+    reach = min(radius + margin_px / (sky.focal_px * pose.scale), _FARTHEST_RAD)
+    return stars_near(sky.guides, pose.rotation[:, 2], reach, matches.near)
 
 
 @compiled
 def associate(
-    sky: Any, frame: Any, rotation: Floats, gate_px: float, n_near: int, matches: Any
+    sky: Any, frame: Any, pose: Any, gate_px: float, n_near: int, matches: Any
 ) -> tuple[int, int]:
     """Match each guide star with its nearest centroid within `gate_px`, one to one.
 
     Of several guide stars with the same nearest centroid the nearest has it. Returns the number
     of matches, sorted by residual, and of guide stars in the image.
     """
-    project(sky, rotation, n_near, matches)
+    project(sky, pose, n_near, matches)
     n, n_inside, plane_px, place = frame.n, 0, frame.plane_px, matches.place
     guide_star, star_guide = matches.guide_star, matches.star_guide
     star_residual2 = matches.star_residual2
@@ -116,15 +123,15 @@ def associate(
 
 
 @compiled
-def project(sky: Any, rotation: Floats, n_near: int, matches: Any) -> None:
+def project(sky: Any, pose: Any, n_near: int, matches: Any) -> None:
     """Write the places of the guide stars near the image of a pose."""
-    r, place, near, vectors = rotation, matches.place, matches.near, sky.guides.vectors
-    focal_px = sky.focal_px
+    r, place, near, vectors = pose.rotation, matches.place, matches.near, sky.guides.vectors
+    focal_px, scale = sky.focal_px, pose.scale
     for g in range(n_near):
         v = vectors[near[g]]
         z = r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2]
-        place[g, 0] = (r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2]) / z
-        place[g, 1] = (r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2]) / z
+        place[g, 0] = (r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2]) / z * scale
+        place[g, 1] = (r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2]) / z * scale
     outside_px(sky.optics, place, n_near)
     for g in range(n_near):
         place[g, 0] *= focal_px
@@ -180,16 +187,19 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
     changed, where fewer than three stars fall in place.
     """
     gate = GATE_TOLERANCES * tolerance_px
-    n_near = look_up(sky, pose.rotation, 2 * gate, matches)
-    best, trial = -np.inf, matches.trial
+    n_near = look_up(sky, pose, 2 * gate, matches)
+    best, trial, seen_at = -np.inf, matches.trial, pose.scale
     copy_pose(pose, trial)
     before, k_before = 0, 0
     matches.n_best = matches.n_settled = 0
-    for _ in range(_ROUNDS):
-        n_matched, n_inside = associate(sky, frame, trial.rotation, gate, n_near, matches)
+    for _ in range(_ROUNDS + (_MORE_ROUNDS if pose.free else 0)):
+        see_at_scale(frame, sky.focal_px, trial.scale)
+        if abs(trial.scale / seen_at - 1.0) * sky.focal_px * np.tan(sky.radius_rad) > gate:
+            n_near, seen_at = look_up(sky, trial, 2 * gate, matches), trial.scale
+        n_matched, n_inside = associate(sky, frame, trial, gate, n_near, matches)
         if n_matched < 3:
             break
-        k, score = strongest(sky, frame, matches, n_matched, n_inside)
+        k, score = strongest(sky, frame, trial, matches, (n_matched, n_inside))
         if frame.has_brightness:
             magnitude = frame.magnitude[: frame.n]
             score += brightness(magnitude, sky.v_mag, matches.observed, matches.catalog, k)
@@ -204,6 +214,9 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
             break
         before, k_before = names, k
         refine_pose(sky, frame, matches, k, trial)
+        if trial.free:  # no farther than the search goes
+            low, high = np.exp(sky.scale_prior.low), np.exp(sky.scale_prior.high)
+            trial.scale = min(max(trial.scale, low), high)
     return best
 
 
@@ -218,7 +231,15 @@ def _names(matches: Any, k: int) -> int:
 
 @compiled
 def refine_pose(sky: Any, frame: Any, matches: Any, k: int, pose: Any) -> None:
-    """Fit a pose to the first `k` matches, by one step of least squares."""
+    """Fit a pose to the first `k` matches, by one step of least squares.
+
+    The frame's directions must be those of the pose's scale.
+    """
+    if pose.free:
+        e, sigma = sky.evidence, sky.focal_px * sky.scale_prior.sigma
+        prior = e.scale_px2 / e.freedom / (sigma * sigma)
+        refine_scaled(frame.vectors, sky.guides.vectors, matches, k, pose, prior)
+        return
     refine(
         frame.vectors, matches.observed, sky.guides.vectors, matches.catalog, k, pose.rotation
     )

@@ -18,6 +18,7 @@ from star_tracker.identification.judge import (
     project,
     refine_pose,
 )
+from star_tracker.optics.frame import see_at_scale
 
 _ROUNDS = 5
 #: Widest gate; final gate in standard deviations (0.1 % of true stars lie beyond).
@@ -85,14 +86,18 @@ def label_frame(engine: Any, labels: NDArray[np.void]) -> tuple[int, float]:
     sky, frame, matches, best = engine.sky, engine.frame, engine.matches, engine.best
     gate = GATE_TOLERANCES * engine.progress[0].tolerance_px
     n_near, k = matches.n_near, 0
-    if matches.n_settled > 0:
+    free = sky.scale_prior.sigma > 0.0
+    if matches.n_settled > 0 and best.free == free:
         k = _settled(matches, gate)
+    best.free = free
+    see_at_scale(frame, sky.focal_px, best.scale)
     if k == 0:
         n_near, k = _settle(sky, frame, max(_GATE_PX, gate), best, matches)
     # One step from a pose that is a few pixels off is not quite there yet.
     for _ in range(2):
         refine_pose(sky, frame, matches, k, best)
-    _measure(sky, frame, best.rotation, k, matches)
+        see_at_scale(frame, sky.focal_px, best.scale)
+    _measure(sky, frame, best, k, matches)
     sum2 = 0.0
     for i in range(k):
         row = labels[frame.row[matches.observed[i]]]
@@ -125,16 +130,18 @@ def _settle(sky: Any, frame: Any, gate_px: float, pose: Any, matches: Any) -> tu
     Returns the number of guide stars near the image and of matches.
     """
     gate, trial = gate_px, matches.trial
-    n_near = look_up(sky, pose.rotation, 2 * gate, matches)
-    found, n_inside = associate(sky, frame, pose.rotation, gate, n_near, matches)
-    k = strongest(sky, frame, matches, found, n_inside)[0]
+    n_near = look_up(sky, pose, 2 * gate, matches)
+    found, n_inside = associate(sky, frame, pose, gate, n_near, matches)
+    k = strongest(sky, frame, pose, matches, (found, n_inside))[0]
     for _ in range(_ROUNDS):
         copy_pose(pose, trial)
         refine_pose(sky, frame, matches, k, trial)
+        see_at_scale(frame, sky.focal_px, trial.scale)
         narrow = max(_GATE_SIGMA * _sigma(matches.residual2, k), _GATE_FLOOR_PX)
-        again = associate(sky, frame, trial.rotation, narrow, n_near, matches)[0]
+        again = associate(sky, frame, trial, narrow, n_near, matches)[0]
         if again < 3:  # the matches before it stay
-            k = min(k, associate(sky, frame, pose.rotation, gate, n_near, matches)[0])
+            see_at_scale(frame, sky.focal_px, pose.scale)
+            k = min(k, associate(sky, frame, pose, gate, n_near, matches)[0])
             break
         copy_pose(trial, pose)
         gate, before, k = narrow, k, again
@@ -144,13 +151,13 @@ def _settle(sky: Any, frame: Any, gate_px: float, pose: Any, matches: Any) -> tu
 
 
 @compiled
-def _measure(sky: Any, frame: Any, rotation: Floats, k: int, matches: Any) -> None:
+def _measure(sky: Any, frame: Any, pose: Any, k: int, matches: Any) -> None:
     """Write the squared residuals of the first `k` matches for a pose."""
-    r, vectors = rotation, sky.guides.vectors
+    r, vectors, focal_px = pose.rotation, sky.guides.vectors, sky.focal_px * pose.scale
     for i in range(k):
         v = vectors[matches.catalog[i]]
         place = frame.plane_px[matches.observed[i]]
-        scale = sky.focal_px / (r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2])
+        scale = focal_px / (r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2])
         dx = (r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2]) * scale - place[0]
         dy = (r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2]) * scale - place[1]
         matches.residual2[i] = dx * dx + dy * dy
@@ -191,7 +198,7 @@ def _label_displaced(engine: Any, n_near: int, labels: NDArray[np.void]) -> None
         if labels[frame.row[i]].state == StarState.UNIDENTIFIED:
             star[a] = i
             a += 1
-    b = _left_over(sky, engine.best.rotation, n_near, matches, labels)
+    b = _left_over(sky, engine.best, n_near, matches, labels)
     guide, place, plane_px = matches.guide_star, matches.place, frame.plane_px
     by_chance = _DISPLACED_CHANCE * sky.optics[0] * sky.optics[1] / np.pi
     while a > 0 and b > 0:
@@ -215,13 +222,13 @@ def _label_displaced(engine: Any, n_near: int, labels: NDArray[np.void]) -> None
 
 @compiled
 def _left_over(
-    sky: Any, rotation: Floats, n_near: int, matches: Any, labels: NDArray[np.void]
+    sky: Any, pose: Any, n_near: int, matches: Any, labels: NDArray[np.void]
 ) -> int:
     """List the guide stars of the image that no centroid is labelled with; return their number.
 
     They are listed in `guide_star`, their places at the beginning of `place`.
     """
-    project(sky, rotation, n_near, matches)
+    project(sky, pose, n_near, matches)
     place, near, n = matches.place, matches.near, 0
     for g in range(n_near):
         taken = False

@@ -10,6 +10,13 @@ from star_tracker.compiled import compiled
 from star_tracker.identification.cells import best_cells, members, triangle_check
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.judge import judge
+from star_tracker.identification.shapes import (
+    cast_by_shape,
+    choose_runs,
+    keep_agreeing,
+    members_at_any_scale,
+    spread,
+)
 from star_tracker.identification.votes import (
     ROLL_BITS,
     cast,
@@ -18,6 +25,7 @@ from star_tracker.identification.votes import (
     look_around,
     threshold_for,
 )
+from star_tracker.optics.frame import see_at_scale
 
 #: Two poses are the same where their axes differ by less than this, rad.
 _SAME_POSE_RAD = 0.02
@@ -28,8 +36,10 @@ _PROMISING, _BEYOND_DOUBT, _LOOK_FARTHER_PX = -1.0, 16.0, 6.0
 _FEWEST_CELLS, _CELLS_OF_A_LEVEL = 6, 480
 #: Decades of evidence a centroid without which the search does not end at once.
 _NEEDED_A_STAR = 0.7
-#: The work of judging a cell, in votes.
+#: The work of judging a cell, in votes; by shape, of a run of rows, of a look at a cell's members
+#: and of judging them.
 _WORK_OF_A_CELL = 1000.0
+_WORK_OF_A_RUN, _WORK_OF_A_LOOK, _WORK_OF_JUDGING = 10.0, 200.0, 2000.0
 
 #: How far a search has come, and the best that it has found: one record, which Python reads too.
 #: `n_hypotheses` pairs were compared with pairs, `n_since_best` candidates judged since the best
@@ -88,7 +98,11 @@ def search(engine: Any) -> int:
         progress.next_main += 1
         if at > 0 and _tried(levels[at - 1], level, progress.next_main, frame.n):
             continue
-        spent += _try_main(engine, main, level)
+        see_at_scale(frame, engine.sky.focal_px, 1.0)
+        if level.by_shape:
+            spent += _try_main_by_shape(engine, main, level)
+        else:
+            spent += _try_main(engine, main, level)
         clear(engine.votes)
         if certain(progress, limits, frame.n):
             return Ended.CERTAIN
@@ -98,7 +112,7 @@ def search(engine: Any) -> int:
 @compiled
 def _tried(before: Any, now: Any, place: int, n: int) -> bool:
     """Return whether all companions of a main star have voted at the level before already."""
-    same = before.tolerance_px == now.tolerance_px
+    same = before.tolerance_px == now.tolerance_px and not (before.by_shape or now.by_shape)
     return same and place <= before.mains and n - 1 <= before.companions
 
 
@@ -119,6 +133,7 @@ def certain(progress: Any, limits: Limits, n: int) -> bool:
 def _try_main(engine: Any, main: int, level: Any) -> float:
     """Judge the candidates of one main star, best first, until one is certain; return the work."""
     pairs, votes, room = engine.pairs, engine.votes, engine.room
+    room.pose.scale, room.pose.free = 1.0, False
     frame, progress = engine.frame, engine.progress[0]
     tolerance = level.tolerance_px / engine.sky.focal_px
     n_near = look_around(frame, main, level.companions, votes)
@@ -159,12 +174,63 @@ def _try_cell(
     if solve_wahba(
         frame.vectors, room.observed, sky.guides.vectors, room.catalog, k + 1, room.pose.rotation
     ):
-        score = judge_and_keep(engine, room.pose, tolerance_px)
-        engine.progress[0].n_judged += 1
-        # Noise larger than the tolerance leaves part of the true stars out: look farther.
-        doubtful = score < max(_BEYOND_DOUBT, _NEEDED_A_STAR * frame.n)
-        if score > _PROMISING and doubtful and tolerance_px < _LOOK_FARTHER_PX:
-            judge_and_keep(engine, room.pose, _LOOK_FARTHER_PX)
+        _judge_candidate(engine, tolerance_px)
+
+
+@compiled
+def _try_main_by_shape(engine: Any, main: int, level: Any) -> float:
+    """Judge the candidates of one main star at any scale; return the work."""
+    frame, votes, room, progress = engine.frame, engine.votes, engine.room, engine.progress[0]
+    tolerance = level.tolerance_px / engine.sky.focal_px
+    n_fan = spread(frame, main, level.companions, engine.fan)
+    cells, scores = room.cells[: level.cells], room.scores[: level.cells]
+    work, total, n_judged, done = 0.0, 0, 0, 0
+    while done < n_fan:
+        end = min(done + level.batch, n_fan)
+        more = choose_runs(engine, done, end, tolerance)
+        total += more
+        progress.n_hypotheses += more
+        work += more + engine.fan.n_runs * _WORK_OF_A_RUN
+        cast_by_shape(engine, max(level.votes, threshold_for(total, len(votes.low))))
+        n_cells = best_cells(votes, n_judged, votes.n_reached, cells, scores)
+        n_judged = votes.n_reached
+        for i in range(n_cells):
+            work += _try_cell_by_shape(engine, main, cells[i], n_fan, level)
+            if certain(progress, engine.limits, frame.n):
+                return work
+        done = end
+    return work
+
+
+@compiled
+def _try_cell_by_shape(engine: Any, main: int, cell: int, n_fan: int, level: Any) -> float:
+    """Make a candidate of a cell's members that agree in scale, and judge it; return the work."""
+    sky, frame, room, star = engine.sky, engine.frame, engine.room, cell >> ROLL_BITS
+    k = members_at_any_scale(engine, n_fan, cell, level.tolerance_px / sky.focal_px)
+    k, log_scale = keep_agreeing(engine, k, star)
+    prior = sky.scale_prior
+    if k < level.members or log_scale < prior.low or log_scale > prior.high:
+        return _WORK_OF_A_LOOK
+    room.observed[k], room.catalog[k] = main, star
+    room.pose.scale, room.pose.free = np.exp(log_scale), True
+    see_at_scale(frame, sky.focal_px, room.pose.scale)
+    if not solve_wahba(
+        frame.vectors, room.observed, sky.guides.vectors, room.catalog, k + 1, room.pose.rotation
+    ):
+        return _WORK_OF_A_LOOK
+    _judge_candidate(engine, level.tolerance_px)
+    return _WORK_OF_JUDGING
+
+
+@compiled
+def _judge_candidate(engine: Any, tolerance_px: float) -> None:
+    """Judge the pose in the room, and again with a wider tolerance where that may find more."""
+    score = judge_and_keep(engine, engine.room.pose, tolerance_px)
+    engine.progress[0].n_judged += 1
+    # Noise larger than the tolerance leaves part of the true stars out: look farther.
+    doubtful = score < max(_BEYOND_DOUBT, _NEEDED_A_STAR * engine.frame.n)
+    if score > _PROMISING and doubtful and tolerance_px < _LOOK_FARTHER_PX:
+        judge_and_keep(engine, engine.room.pose, _LOOK_FARTHER_PX)
 
 
 @compiled

@@ -10,15 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.attitude.attitude import write_covariance
+from star_tracker.attitude.joint_fit import write_covariance
 from star_tracker.attitude.wahba import solve_wahba
 from star_tracker.compiled import compiled
-from star_tracker.geometry.rotation import boresight_of, is_rotation, write_quaternion
+from star_tracker.geometry.rotation import (
+    boresight_of,
+    copy_rotation,
+    is_rotation,
+    write_quaternion,
+)
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.ended import MIN_STARS, Ended
+from star_tracker.identification.evidence import variance
 from star_tracker.identification.labels import StarState, label_frame
 from star_tracker.identification.search import certain, forget, judge_and_keep, search
-from star_tracker.optics.frame import fill_frame
+from star_tracker.optics.frame import fill_frame, see_at_scale
 
 #: A predicted pose may be off by this many pixels, as the tolerance of a candidate.
 _TRACKING_PX = 12.0
@@ -55,6 +61,8 @@ def judge_match(
     Matches that lie on one line of sight are no hypothesis and are passed over.
     """
     pose, vectors = engine.room.pose, engine.frame.vectors
+    see_at_scale(engine.frame, engine.sky.focal_px, 1.0)
+    pose.scale, pose.free = 1.0, False
     sky_vectors = engine.sky.guides.vectors
     if not solve_wahba(vectors, observed, sky_vectors, catalog, len(observed), pose.rotation):
         return Ended.MORE
@@ -68,9 +76,8 @@ def judge_pose(engine: Any) -> int:
     progress, pose = engine.progress[0], engine.room.pose
     if not is_rotation(engine.best.rotation):
         return Ended.NO_ROTATION
-    for i in range(3):
-        for j in range(3):
-            pose.rotation[i, j] = engine.best.rotation[i, j]
+    copy_rotation(engine.best.rotation, pose.rotation)
+    pose.scale, pose.free = 1.0, False
     judge_and_keep(engine, pose, _TRACKING_PX)
     found = certain(progress, engine.limits, engine.frame.n)
     return Ended.CERTAIN if found else Ended.MORE
@@ -83,11 +90,15 @@ def label(engine: Any, labels: NDArray[np.void]) -> None:
     k, sum2 = label_frame(engine, labels)
     write_quaternion(rotation, engine.quaternion)
     outcome.ra_rad, outcome.dec_rad, outcome.roll_rad = boresight_of(rotation)
-    # Three of the 2 k coordinates went into the rotation.
-    optics = engine.sky.optics
-    sigma = np.sqrt(sum2 / (2 * k - 3) / (optics[2] * optics[3]))
-    write_covariance(frame.vectors, engine.matches.observed, k, sigma, engine.covariance)
-    outcome.rms_px = np.sqrt(sum2 / k)
+    outcome.rms_px, outcome.scale = np.sqrt(sum2 / k), engine.best.scale
+    outcome.variance_px2 = variance(engine.sky.evidence, sum2, k, engine.best.free)
+    focal_px, known = engine.sky.focal_px * engine.best.scale, engine.sky.scale_prior.sigma
+    of_direction, of_scale = outcome.variance_px2 / (focal_px * focal_px), np.inf
+    if engine.best.free:
+        of_scale = of_direction / (known * known)
+    outcome.scale_variance = write_covariance(
+        frame.vectors, engine.matches.observed, k, (of_direction, of_scale), engine.covariance
+    )
 
 
 @compiled

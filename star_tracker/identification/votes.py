@@ -62,9 +62,12 @@ def empty_votes(n_stars: int, n_companions: int) -> Any:
 
 
 @compiled
-def look_around(frame: Any, main: int, most: int, votes: Any) -> int:
-    """Find the nearest companions of a main star, at most `most`; return their number."""
-    vectors, chord2, companion = frame.vectors, votes.separation, votes.companion
+def nearest(frame: Any, main: int, most: int, companion: Any, chord2: Any) -> int:
+    """Find the nearest companions of a main star, at most `most`; return their number.
+
+    Writes them to `companion`, and the squares of the chords to them to `chord2`.
+    """
+    vectors = frame.vectors
     v, n = vectors[main], 0
     for star in range(frame.n):
         if star == main:
@@ -80,10 +83,19 @@ def look_around(frame: Any, main: int, most: int, votes: Any) -> int:
             at -= 1
         chord2[at], companion[at] = d2, star
         n = min(n + 1, most)
+    return n
+
+
+@compiled
+def look_around(frame: Any, main: int, most: int, votes: Any) -> int:
+    """Find the nearest companions of a main star, where they are; return their number."""
+    vectors, companion, separation = frame.vectors, votes.companion, votes.separation
+    n = nearest(frame, main, most, companion, separation)
+    v = vectors[main]
     azimuth = votes.azimuth
     for i in range(n):
         u = vectors[companion[i]]
-        chord2[i] = 2 * np.arcsin(min(1.0, 0.5 * np.sqrt(chord2[i])))
+        separation[i] = 2 * np.arcsin(min(1.0, 0.5 * np.sqrt(separation[i])))
         # From the image's up direction, -y, towards celestial east's side; see position_angle.
         east = u[2] * v[0] - u[0] * v[2]
         north = -u[1] + v[1] * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
@@ -117,17 +129,19 @@ def choose_rows(
 @compiled
 def cast(pairs: Any, votes: Any, begin: int, end: int, threshold: int) -> None:
     """Let the companions begin to end vote; cells that reach the threshold join `reached`."""
+    main_azimuth = pairs.main_azimuth
     for i in range(begin, end):
-        _vote(pairs, votes, i, threshold)
+        rows = votes.first[i], votes.last[i]
+        vote_rows(main_azimuth, votes, rows, votes.azimuth[i], threshold)
 
 
 @compiled
-def _vote(pairs: Any, votes: Any, i: int, threshold: int) -> None:
-    """Let one companion vote for the cells of its pairs."""
-    none = np.uint64(0)
-    main_azimuth, low, high = pairs.main_azimuth, votes.low, votes.high
-    azimuth = votes.azimuth[i]
-    for row in range(votes.first[i], votes.last[i]):
+def vote_rows(
+    main_azimuth: Any, votes: Any, rows: tuple[int, int], azimuth: int, threshold: int
+) -> None:
+    """Let rows first to last vote for their guide star at the roll that takes `azimuth` there."""
+    none, low, high = np.uint64(0), votes.low, votes.high
+    for row in range(rows[0], rows[1]):
         coded = main_azimuth[row]
         star = np.uint64(coded >> AZIMUTH_BITS)
         roll = np.uint64(((coded - azimuth) & (AZIMUTH_UNITS - 1)) >> ROLL_SHIFT)

@@ -32,6 +32,8 @@ from star_tracker.optics.distortion import (
 PARITIES = ("normal", "mirrored", "auto")
 #: Fields of view outside of this range are refused: no star pair fits, or no pinhole does.
 FOV_RANGE_DEG = (0.5, 120.0)
+#: Farthest that a focal length may be off and still count as told.
+MOST_TOLERANCE_PERCENT = 30.0
 #: Sizes and places beyond, and pixels so many times longer than wide, are no camera's.
 _LARGEST_PX, _MOST_OBLONG = 1e6, 10.0
 
@@ -44,7 +46,17 @@ def vectors_of_plane(points: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera's intrinsics, in pixels. Raises ValueError for values no camera can have."""
+    """A camera's intrinsics, in pixels. Raises ValueError for values no camera can have.
+
+    Attributes:
+        width_px, height_px: of the image.
+        fx_px, fy_px: focal lengths.
+        cx_px, cy_px: principal point.
+        parity: of `PARITIES`.
+        distortion: of the lens, None where it has none.
+        tolerance_percent: how far off the focal length, and so the field of view, may be; 0 where
+            it is exact. It is then found out from the stars.
+    """
 
     width_px: int
     height_px: int
@@ -54,6 +66,7 @@ class Camera:
     cy_px: float
     parity: str = "normal"
     distortion: Distortion | None = field(default=None)
+    tolerance_percent: float = 0.0
 
     def __post_init__(self) -> None:
         if self.parity not in PARITIES:
@@ -79,6 +92,12 @@ class Camera:
             raise ValueError(
                 f"fx {self.fx_px:g} px and fy {self.fy_px:g} px belong to no image sensor"
             )
+        if not 0.0 <= self.tolerance_percent <= MOST_TOLERANCE_PERCENT:
+            raise ValueError(
+                f"tolerance_percent {self.tolerance_percent:g} is outside of 0 to "
+                f"{MOST_TOLERANCE_PERCENT:g}: a camera that is less well known is one of unknown "
+                "field of view"
+            )
         if max(abs(self.cx_px), abs(self.cy_px)) >= _LARGEST_PX:
             raise ValueError(
                 f"principal point ({self.cx_px:g}, {self.cy_px:g}) px is impossible: "
@@ -95,6 +114,7 @@ class Camera:
         cx_px: float | None = None,
         cy_px: float | None = None,
         parity: str = "normal",
+        tolerance_percent: float = 0.0,
     ) -> "Camera":
         """Return a camera without distortion from the field of view across its width (4-16)."""
         low, high = FOV_RANGE_DEG
@@ -106,7 +126,9 @@ class Camera:
         focal = width_px / 2 / math.tan(math.radians(fov_deg) / 2)
         cx = width_px / 2 if cx_px is None else cx_px
         cy = height_px / 2 if cy_px is None else cy_px
-        return cls(width_px, height_px, focal, focal, cx, cy, parity)
+        return cls(
+            width_px, height_px, focal, focal, cx, cy, parity, tolerance_percent=tolerance_percent
+        )
 
     @property
     def fov_deg(self) -> float:

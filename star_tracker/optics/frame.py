@@ -18,7 +18,8 @@ _CLOSEST_PX = 15.0
 #: The usable centroids, from left to right, in arrays with room for `len(row)` of them:
 #:
 #: - n: how many centroids are usable, which may be more than there is room for;
-#: - vectors: (room, 3) unit vectors in the optical frame;
+#: - vectors: (room, 3) unit vectors in the optical frame, for a focal length that is `scale` times
+#:   the camera's own;
 #: - plane_px: (room, 2) undistorted image coordinates about the principal point, px, y down;
 #:   plane_px[:n, 0] ascends;
 #: - row: (room,) index of the centroid in the input;
@@ -27,7 +28,7 @@ _CLOSEST_PX = 15.0
 #: - has_brightness: whether intensities were given;
 #: - points, input_row, key: room for sorting.
 FrameType, Frame = struct("Frame", __name__, (
-    "n", "vectors", "plane_px", "row", "mains", "magnitude", "has_brightness",
+    "n", "vectors", "scale", "plane_px", "row", "mains", "magnitude", "has_brightness",
     "points", "input_row", "key",
 ))
 
@@ -37,7 +38,7 @@ def empty_frame(vectors: Floats) -> Any:
     """Return a frame without centroids, with room for as many as `vectors` (room, 3) has."""
     room = len(vectors)
     return Frame(
-        0, vectors, np.empty((room, 2)), np.empty(room, np.int64),
+        0, vectors, 1.0, np.empty((room, 2)), np.empty(room, np.int64),
         np.empty(room, np.int64), np.empty(room), False,
         np.empty((room, 2)), np.empty(room, np.int64), np.empty(room),
     )
@@ -51,7 +52,7 @@ def fill_frame(frame: Any, optics: Floats, xy_px: Floats, intensity: Floats) -> 
     Where more are usable than there is room for, they are counted and not taken in.
     """
     frame.n = _take_usable(frame, optics, xy_px)
-    frame.has_brightness = len(intensity) > 0
+    frame.has_brightness, frame.scale = len(intensity) > 0, 1.0
     if frame.n > len(frame.row):
         return
     n, vectors, plane_px, row = frame.n, frame.vectors, frame.plane_px, frame.row
@@ -72,6 +73,19 @@ def fill_frame(frame: Any, optics: Floats, xy_px: Floats, intensity: Floats) -> 
             value = intensity[row[i]]
             magnitude[i] = -2.5 * np.log10(value) if 0.0 < value < np.inf else np.nan
     _order_mains(frame)
+
+
+@compiled
+def see_at_scale(frame: Any, focal_px: float, scale: float) -> None:
+    """Give the directions for a focal length of `scale` times `focal_px`, the camera's own."""
+    if frame.scale == scale:
+        return
+    frame.scale = scale
+    vectors, plane_px, inverse = frame.vectors, frame.plane_px, 1.0 / (focal_px * scale)
+    for i in range(frame.n):
+        x, y = plane_px[i, 0] * inverse, plane_px[i, 1] * inverse
+        z = 1.0 / np.sqrt(1.0 + x * x + y * y)
+        vectors[i, 0], vectors[i, 1], vectors[i, 2] = x * z, y * z, z
 
 
 @compiled

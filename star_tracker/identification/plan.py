@@ -1,0 +1,72 @@
+"""In which order the search looks: levels of tolerance, main stars and companions."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from star_tracker.identification.cells import MatchGroupSettings
+from star_tracker.identification.evidence import ScalePrior
+
+#: One level of a search:
+#:
+#: - by_shape: whether triangles vote by shape, at any scale (`shapes.py`), or pairs by separation;
+#: - tolerance_px: of a separation;
+#: - companions: how many vote for a main star, and batch: how many at a time;
+#: - mains: how many main stars there are;
+#: - votes: the least votes of a cell that is looked at;
+#: - cells: most cells of a main star and batch;
+#: - members: the least companions of a candidate.
+LEVEL = np.dtype([
+    ("by_shape", np.bool_), ("tolerance_px", np.float64), ("companions", np.int64),
+    ("mains", np.int64), ("batch", np.int64), ("votes", np.int64), ("cells", np.int64),
+    ("members", np.int64),
+])
+#: As many main stars as the frame has stars.
+_ALL = np.iinfo(np.int64).max
+#: Most cells of a main star in a full search by shape.
+MOST_SHAPE_CELLS = 64
+
+
+def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
+    """Return the levels of a search (levels,), of `LEVEL`.
+
+    A short search, enough for most frames, comes before the full one; it was chosen for the median
+    time over noise, missing and false stars (benchmark/RESULTS.md). Where the focal length is told
+    with a tolerance both ways take turns, as it is told first; where it is not told, only shapes
+    are left.
+    """
+    by_separation = _by_separation(settings)
+    if prior.log_range == 0.0:
+        return np.array(by_separation, LEVEL)
+    by_shape = _by_shape(settings)
+    if not prior.told:
+        return np.array(by_shape, LEVEL)
+    n_short = 3 * settings.quick
+    turns = []
+    if settings.quick:
+        told, shapes = by_separation[:3], by_shape[:3]
+        turns = [told[0], shapes[0], shapes[1], told[1], shapes[2], told[2]]
+    for pair in zip(by_separation[n_short:], by_shape[n_short:], strict=True):
+        turns += pair
+    return np.array(turns, LEVEL)
+
+
+def _by_separation(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
+    first, second = settings.pair_tolerance_px[0], settings.pair_tolerance_px[:2][-1]
+    short = [(first, 6, 2, 3), (first, 16, 5, 16), (second, 12, 3, 12)]
+    n = settings.companions
+    full = [(t, n, _ALL, n) for t in settings.pair_tolerance_px]
+    rows = short * settings.quick + full
+    return [(False, *row, 0, settings.cells, 2) for row in rows]
+
+
+def _by_shape(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
+    first, second = settings.pair_tolerance_px[0], settings.pair_tolerance_px[:2][-1]
+    short: list[tuple[float, ...]] = [
+        (True, first, 6, 3, 6, 3, 24, 3), (True, first, 12, 6, 12, 3, 48, 3),
+        (True, second, 12, 4, 12, 3, 48, 3),
+    ]
+    n = settings.companions
+    full: list[tuple[float, ...]] = [
+        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 2) for t in settings.pair_tolerance_px
+    ]
+    return short * settings.quick + full

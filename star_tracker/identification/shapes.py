@@ -1,0 +1,218 @@
+"""The search where the scale is not known: triangles vote by their shape.
+
+A main star and two of its companions make a triangle. The ratio of its sides and the angle between
+them are the same at any focal length, so that the guide-star triangles of that shape
+(`catalogue.triangles`) vote for a guide star and a roll as pairs of a known separation do. The
+members of a winning cell then each tell a scale, catalogue over observed separation; those that
+agree in scale and roll make the candidate.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from star_tracker.catalogue.pairs import AZIMUTH_UNITS
+from star_tracker.catalogue.triangles import (
+    ANGLE_CELLS,
+    RATIO_CELLS,
+    RATIO_LOW,
+    RATIO_STEP,
+    SIZE_CELLS,
+    SIZE_LOW,
+    SIZE_STEP,
+    TriangleTable,
+)
+from star_tracker.compiled import compiled, first_not_below, struct
+from star_tracker.identification.cells import MEMBERS
+from star_tracker.identification.votes import ROLL_BINS, ROLL_BITS, nearest, vote_rows
+
+#: Room for the runs of rows that one batch of companions selects.
+_RUNS = 8192
+#: A separation or a shape that is less certain than this, relative, does not vote.
+_VAGUEST = 0.2
+
+#: What `TriangleTable` holds, for compiled code.
+TrianglesType, Triangles = struct("Triangles", __name__, TriangleTable._fields)
+
+#: Room for a main star's search by shape:
+#:
+#: - star, separation, log_separation, azimuth: (c,) its companions in the frame, their separation
+#:   and its log, rad, and their position angle, rad;
+#: - first, last, units: (r,) runs of triangle rows that vote, and the azimuth to take from theirs;
+#: - n_runs: how many;
+#: - companion, guide, log_ratio, roll, slack: (m,) members of a cell: places among the companions
+#:   and in the guide star's fan, log of observed over catalogue separation, roll from the middle
+#:   of the cell, and the tolerance of both.
+FanType, Fan = struct("Fan", __name__, (
+    "star", "separation", "log_separation", "azimuth", "first", "last", "units", "n_runs",
+    "companion", "guide", "log_ratio", "roll", "slack",
+))
+
+
+@compiled
+def empty_fan(most: int) -> Any:
+    """Return room for so many companions."""
+    return Fan(
+        np.empty(most, np.int64), np.empty(most), np.empty(most), np.empty(most),
+        np.empty(_RUNS, np.int64), np.empty(_RUNS, np.int64), np.empty(_RUNS, np.int64), 0,
+        np.empty(MEMBERS, np.int64), np.empty(MEMBERS, np.int64), np.empty(MEMBERS),
+        np.empty(MEMBERS), np.empty(MEMBERS),
+    )
+
+
+@compiled
+def spread(frame: Any, main: int, most: int, fan: Any) -> int:
+    """Find the nearest companions of a main star, at most `most`; return their number."""
+    n = nearest(frame, main, most, fan.star, fan.separation)
+    vectors, star, separation = frame.vectors, fan.star, fan.separation
+    v = vectors[main]
+    for i in range(n):
+        u = vectors[star[i]]
+        separation[i] = max(2 * np.arcsin(min(1.0, 0.5 * np.sqrt(separation[i]))), 1e-9)
+        fan.log_separation[i] = np.log(separation[i])
+        # From the image's up direction, -y, towards celestial east's side; see position_angle.
+        east = u[2] * v[0] - u[0] * v[2]
+        north = -u[1] + v[1] * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
+        fan.azimuth[i] = np.arctan2(east, north)
+    return n
+
+
+@compiled
+def cast_by_shape(engine: Any, threshold: int) -> None:
+    """Let the chosen triangles vote."""
+    fan, votes, main_azimuth = engine.fan, engine.votes, engine.triangles.main_azimuth
+    first, last, units = fan.first, fan.last, fan.units
+    for run in range(fan.n_runs):
+        vote_rows(main_azimuth, votes, (first[run], last[run]), units[run], threshold)
+
+
+@compiled
+def choose_runs(engine: Any, begin: int, end: int, tolerance_rad: float) -> int:
+    """Choose the rows of the triangles of companions begin to end with those before them.
+
+    Returns how many rows there are.
+    """
+    fan = engine.fan
+    fan.n_runs = 0
+    total = 0
+    for j in range(begin, end):
+        for i in range(j):
+            total += _runs_of_pair(engine, i, j, tolerance_rad)
+    return total
+
+
+@compiled
+def _runs_of_pair(engine: Any, i: int, j: int, tolerance_rad: float) -> int:
+    """Add the runs of triangles of the shape of companions i and j; return their rows."""
+    table, fan, prior = engine.triangles, engine.fan, engine.sky.scale_prior
+    near, far = fan.separation[i], fan.separation[j]
+    vague = tolerance_rad * np.sqrt(1.0 / (near * near) + 1.0 / (far * far))
+    if vague > _VAGUEST:
+        return 0
+    ratio = fan.log_separation[j] - fan.log_separation[i]
+    ratios = _cells(ratio - vague - RATIO_LOW, ratio + vague - RATIO_LOW, RATIO_STEP, RATIO_CELLS)
+    slack = tolerance_rad / far
+    size = fan.log_separation[j] - table.log_spacing - SIZE_LOW
+    sizes = _cells(
+        size - prior.high - slack, size - prior.low + slack, SIZE_STEP, SIZE_CELLS
+    )
+    to_cells = ANGLE_CELLS / (2 * np.pi)
+    turn = (fan.azimuth[j] - fan.azimuth[i]) % (2 * np.pi)
+    low, high = int(np.floor((turn - vague) * to_cells)), int(np.floor((turn + vague) * to_cells))
+    units = int(np.floor(fan.azimuth[j] * (AZIMUTH_UNITS / (2 * np.pi)))) & (AZIMUTH_UNITS - 1)
+    total = 0
+    for at_ratio in range(ratios[0], ratios[1] + 1):
+        for at_size in range(sizes[0], sizes[1] + 1):
+            row = (at_ratio * SIZE_CELLS + at_size) * ANGLE_CELLS
+            end = min(high + 1, ANGLE_CELLS)
+            total += _add_run(table, fan, row + max(low, 0), row + end, units)
+            if low < 0:  # the run of angles crosses 0
+                total += _add_run(table, fan, row + ANGLE_CELLS + low, row + ANGLE_CELLS, units)
+            elif high >= ANGLE_CELLS:
+                total += _add_run(table, fan, row, row + high + 1 - ANGLE_CELLS, units)
+    return total
+
+
+@compiled
+def _cells(low: float, high: float, step: float, n: int) -> tuple[int, int]:
+    """Return the first and the last of `n` cells that a range meets."""
+    return max(int(np.floor(low / step)), 0), min(int(np.floor(high / step)), n - 1)
+
+
+@compiled
+def _add_run(table: Any, fan: Any, begin: int, end: int, units: int) -> int:
+    """Add the rows of the cells begin to end to the runs; return how many they are."""
+    first, last = table.cell_start[begin], table.cell_start[end]
+    n = fan.n_runs
+    if last <= first or n >= len(fan.first):
+        return 0
+    fan.first[n], fan.last[n], fan.units[n] = first, last, units
+    fan.n_runs = n + 1
+    return last - first
+
+
+@compiled
+def members_at_any_scale(engine: Any, n_fan: int, cell: int, tolerance_rad: float) -> int:
+    """List the companions that a guide star has at a cell's roll at any scale; return how many."""
+    star, table, fan, prior = (
+        cell >> ROLL_BITS, engine.triangles, engine.fan, engine.sky.scale_prior
+    )
+    middle = (cell & (ROLL_BINS - 1)) * (2 * np.pi / ROLL_BINS)
+    own, own_azimuth = table.fan_log_separation[star], table.fan_azimuth[star]
+    n = 0
+    for i in range(n_fan):
+        slack = tolerance_rad / fan.separation[i]
+        if slack > _VAGUEST:
+            continue
+        log_separation = fan.log_separation[i]
+        at = first_not_below(own, 0, len(own), np.float32(log_separation - prior.high - slack))
+        high = log_separation - prior.low + slack
+        while at < len(own) and own[at] <= high and n < MEMBERS:
+            turned = own_azimuth[at] - fan.azimuth[i] - middle
+            turned -= 2 * np.pi * np.floor(turned / (2 * np.pi) + 0.5)
+            if abs(turned) <= 2 * np.pi / ROLL_BINS + slack:
+                fan.companion[n], fan.guide[n] = i, at
+                fan.log_ratio[n] = log_separation - own[at]
+                fan.roll[n], fan.slack[n] = turned, slack
+                n += 1
+            at += 1
+    return n
+
+
+@compiled
+def keep_agreeing(engine: Any, n: int, star: int) -> tuple[int, float]:
+    """Keep the members that agree with the best one in scale and roll.
+
+    Writes their matches to the room; returns how many there are and the log of their focal length
+    over the camera's own.
+    """
+    fan, room, fan_star = engine.fan, engine.room, engine.triangles.fan_star
+    hub, most = 0, 0
+    for i in range(n):
+        partners = 0
+        for j in range(n):
+            partners += _agree(fan, i, j)
+        if partners > most:
+            hub, most = i, partners
+    if most == 0:
+        return 0, 0.0
+    k, total, sum_log = 0, 0.0, 0.0
+    for j in range(n):
+        if j == hub or _agree(fan, hub, j):
+            room.observed[k] = fan.star[fan.companion[j]]
+            room.catalog[k] = fan_star[star, fan.guide[j]]
+            weight = 1.0 / (fan.slack[j] * fan.slack[j])
+            total += weight
+            sum_log += weight * fan.log_ratio[j]
+            k += 1
+    return k, sum_log / total
+
+
+@compiled
+def _agree(fan: Any, i: int, j: int) -> bool:
+    """Return whether two members have one scale and roll, within their tolerances."""
+    if fan.companion[i] == fan.companion[j] or fan.guide[i] == fan.guide[j]:
+        return False
+    scale, roll = fan.log_ratio[i] - fan.log_ratio[j], fan.roll[i] - fan.roll[j]
+    slack2 = fan.slack[i] * fan.slack[i] + fan.slack[j] * fan.slack[j]
+    return scale * scale + roll * roll <= slack2
