@@ -1,17 +1,23 @@
 """What the user asks of a frame's solution, and what comes back."""
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import Any, TypeVar
 
 from star_tracker.attitude.attitude import Attitude
+from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.ended import MIN_STARS
 from star_tracker.identification.fallback import RadialCyclicSettings
 from star_tracker.identification.labels import Identification
 from star_tracker.identification.searcher import LOST_IN_SPACE, METHODS
+from star_tracker.optics.camera import Camera
 
 _Kind = TypeVar("_Kind")
+#: A standard error below this part of what was known beforehand comes from the stars.
+_NEWS = 0.7
 
 
 class Status(Enum):
@@ -86,6 +92,12 @@ class Solution:
         n_ignored: centroids left out because they are not finite or lie outside of the image.
         solve_ms: wall-clock time.
         mode: `lost_in_space`, or `tracking` where a predicted attitude led to the solution.
+        told_camera: the camera as it was told, of the parity found; None where unsolved.
+        scale: the focal length as found, as a multiple of the told one.
+        focal_length_error: standard error of the focal length, relative; 0 where it was told
+            without tolerance and so is not fitted. What was told beforehand is in it.
+        centroid_sigma_px: noise of a centroid along each axis that the covariance is made with.
+        catalog: the catalogue that `catalog_index` counts in; None where unsolved.
     """
 
     status: Status
@@ -101,6 +113,26 @@ class Solution:
     n_ignored: int = 0
     solve_ms: float = 0.0
     mode: str = LOST_IN_SPACE
+    told_camera: Camera | None = None
+    scale: float = 1.0
+    focal_length_error: float = float("nan")
+    centroid_sigma_px: float = float("nan")
+    catalog: StarCatalog | None = None
+
+    @cached_property
+    def camera(self) -> Camera | None:
+        """The camera as found: the told one with the focal length that the stars show."""
+        if self.told_camera is None or self.scale == 1.0:
+            return self.told_camera
+        return self.told_camera.scaled(self.scale)
+
+    @property
+    def focal_length_from_stars(self) -> bool:
+        """Whether the stars tell the focal length at least as well as it was told."""
+        told = self.told_camera
+        if told is None or not self.focal_length_error > 0:
+            return False
+        return self.focal_length_error < _NEWS * (told.tolerance_percent / 100 or math.inf)
 
 
 def frozen(kind: type[_Kind], **values: Any) -> _Kind:

@@ -1,13 +1,16 @@
 """After the first stretch of a search: the other parity, patience, the fallback, doubt."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 
+import numpy as np
+
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.fallback import StarField, Steps
-from star_tracker.identification.search import Limits
+from star_tracker.identification.search import SAME_POSE_RAD, Limits
 from star_tracker.identification.searcher import Searcher, Task
 
 #: Where the parity is known the other one has to fit better by more than rounding to raise doubt.
@@ -43,19 +46,19 @@ class Escalation:
     """Goes on with a frame that its first searcher has begun and not solved.
 
     Args:
-        searchers: of both parities, the one asked for first.
-        both: whether both parities are asked for; else the second one only raises doubt.
+        asked: the searchers that may solve it, that which has begun first.
+        mirrors: for each of them one that looks at the mirror image of the sky to raise doubt;
+            empty where both parities are asked for.
         limits: when a search ends.
         fallback: candidates of the second matcher for a field, or None.
         primary: whether the primary matcher searches; else the fallback does alone.
     """
 
     def __init__(
-        self, searchers: Sequence[Searcher], limits: Limits, *, both: bool,
-        fallback: Candidates | None, primary: bool,
+        self, asked: Sequence[Searcher], mirrors: Sequence[Searcher], limits: Limits, *,
+        fallback: Candidates | None = None, primary: bool = True,
     ) -> None:
-        self._searchers, self._limits = searchers, limits
-        self._asked = searchers if both else searchers[:1]
+        self._asked, self._mirrors, self._limits = asked, mirrors, limits
         self._fallback, self._primary = fallback, primary
 
     def run(self, task: Task) -> Verdict:
@@ -119,22 +122,29 @@ class Escalation:
 
     def _doubt(self, best: Searcher, task: Task) -> tuple[Ended, str]:
         """Hold a pose that is good enough, but not certain, against its rivals."""
-        both = len(self._asked) == len(self._searchers)
-        other = self._searchers[1 if best is self._searchers[0] else 0]
-        if not both:
+        if self._mirrors:
+            other = self._mirrors[self._asked.index(best)]
             other.follow(task)
             self._exhaust([other], task, task.deadline_s)
             if other.ended == Ended.MORE:
                 return Ended.MORE, ""
-        elif other.score > best.score - _PARITY_LEAD:
-            return Ended.AMBIGUOUS, (
-                "the sky and its mirror image fit about as well: set parity to normal or mirrored"
-            )
+        else:
+            mirrored = [one for one in self._asked if one.camera.parity != best.camera.parity]
+            other = max(mirrored, key=lambda one: one.score)
+            if other.score > best.score - _PARITY_LEAD:
+                return Ended.AMBIGUOUS, (
+                    "the sky and its mirror image fit about as well: "
+                    "set parity to normal or mirrored"
+                )
         if other.score > best.score + _MIRROR_LEAD:
             return Ended.AMBIGUOUS, (
                 f"the mirror image of the sky fits better: set parity to {other.camera.parity}"
             )
-        if best.rival_score > best.score - _POSE_LEAD:
+        rival_score = max(
+            one.score if _elsewhere(one, best) else one.rival_score
+            for one in self._asked if one.camera.parity == best.camera.parity
+        )
+        if rival_score > best.score - _POSE_LEAD:
             return Ended.AMBIGUOUS, (
                 "two attitudes fit about as well: a frame with more stars tells them apart"
             )
@@ -155,3 +165,9 @@ class Escalation:
                     one.ended = Ended.MORE
                     return sum(n_compared)
         return sum(n_compared)
+
+
+def _elsewhere(one: Searcher, best: Searcher) -> bool:
+    """Return whether the best pose of a searcher is another one than that of the best."""
+    trace = float(np.sum(one.rotation * best.rotation))
+    return trace < 1 + 2 * math.cos(SAME_POSE_RAD)

@@ -14,11 +14,12 @@ from star_tracker.identification.evidence import ScalePrior
 #: - mains: how many main stars there are;
 #: - votes: the least votes of a cell that is looked at;
 #: - cells: most cells of a main star and batch;
-#: - members: the least companions of a candidate.
+#: - members: the least companions of a candidate;
+#: - pause: whether the searches of other cameras have their turn after it.
 LEVEL = np.dtype([
     ("by_shape", np.bool_), ("tolerance_px", np.float64), ("companions", np.int64),
     ("mains", np.int64), ("batch", np.int64), ("votes", np.int64), ("cells", np.int64),
-    ("members", np.int64),
+    ("members", np.int64), ("pause", np.bool_),
 ])
 #: As many main stars as the frame has stars.
 _ALL = np.iinfo(np.int64).max
@@ -47,7 +48,9 @@ def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
         turns = [told[0], shapes[0], shapes[1], told[1], shapes[2], told[2]]
     for pair in zip(by_separation[n_short:], by_shape[n_short:], strict=True):
         turns += pair
-    return np.array(turns, LEVEL)
+    both = np.array(turns, LEVEL)
+    both["pause"] = False  # one camera has nobody to wait for
+    return both
 
 
 def _by_separation(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
@@ -56,17 +59,17 @@ def _by_separation(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
     n = settings.companions
     full = [(t, n, _ALL, n) for t in settings.pair_tolerance_px]
     rows = short * settings.quick + full
-    return [(False, *row, 0, settings.cells, 2) for row in rows]
+    return [(False, *row, 0, settings.cells, 2, False) for row in rows]
 
 
 def _by_shape(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
     first, second = settings.pair_tolerance_px[0], settings.pair_tolerance_px[:2][-1]
     short: list[tuple[float, ...]] = [
-        (True, first, 6, 3, 6, 3, 24, 3), (True, first, 12, 6, 12, 3, 48, 3),
-        (True, second, 12, 4, 12, 3, 48, 3),
+        (True, first, 6, 3, 6, 3, 24, 3, True), (True, first, 12, 6, 12, 3, 48, 3, False),
+        (True, second, 12, 4, 12, 3, 48, 3, True),
     ]
     n = settings.companions
     full: list[tuple[float, ...]] = [
-        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 2) for t in settings.pair_tolerance_px
+        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 2, True) for t in settings.pair_tolerance_px
     ]
     return short * settings.quick + full

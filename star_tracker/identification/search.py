@@ -28,7 +28,7 @@ from star_tracker.identification.votes import (
 from star_tracker.optics.frame import see_at_scale
 
 #: Two poses are the same where their axes differ by less than this, rad.
-_SAME_POSE_RAD = 0.02
+SAME_POSE_RAD = 0.02
 #: A pose with evidence between these is judged again with this tolerance. Beyond the second the
 #: search ends in any case.
 _PROMISING, _BEYOND_DOUBT, _LOOK_FARTHER_PX = -1.0, 16.0, 6.0
@@ -91,6 +91,8 @@ def search(engine: Any) -> int:
         level = levels[at]
         if progress.next_main >= min(frame.n, level.mains):
             progress.level, progress.next_main = at + 1, 0
+            if level.pause and progress.level < len(levels):
+                return Ended.MORE
             continue
         if spent >= limits.work:
             return Ended.MORE
@@ -244,7 +246,7 @@ def judge_and_keep(engine: Any, pose: Any, tolerance_px: float) -> float:
     for i in range(3):
         for j in range(3):
             trace += best.rotation[i, j] * pose.rotation[i, j]
-    same = trace > 1 + 2 * np.cos(_SAME_POSE_RAD)
+    same = trace > 1 + 2 * np.cos(SAME_POSE_RAD)
     if score > progress.score:
         if not same:
             progress.rival_score = progress.score

@@ -6,6 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification import verbs
 from star_tracker.identification.ended import Ended
@@ -53,15 +54,18 @@ class Searcher:
 
     Attributes:
         camera: of that parity.
+        catalog: the guide stars.
         ended: how the last step ended.
         method: the matcher whose pose is the best.
         mode: of `MODES`, how that pose was come by.
     """
 
-    __slots__ = ("_engine", "_progress", "camera", "ended", "method", "mode", "results")
+    __slots__ = ("_engine", "_progress", "camera", "catalog", "ended", "method", "mode", "results")
 
-    def __init__(self, camera: Camera, engine: Any, results: Results) -> None:
-        self.camera, self._engine, self.results = camera, engine, results
+    def __init__(
+        self, camera: Camera, catalog: StarCatalog, engine: Any, results: Results
+    ) -> None:
+        self.camera, self.catalog, self._engine, self.results = camera, catalog, engine, results
         self._progress = results.progress
         self.ended, self.method, self.mode = Ended.MORE, METHODS[0], LOST_IN_SPACE
 
@@ -69,6 +73,10 @@ class Searcher:
         """Begin a frame, search for a while and label it where that solves it."""
         self.method, self.mode = METHODS[0], LOST_IN_SPACE
         self.ended = Ended(verbs.follow(self._engine, task.xy_px, task.intensity, task.labels))
+
+    def begin(self, task: Task) -> None:
+        """Take a frame in without searching it."""
+        self.ended = Ended(verbs.begin(self._engine, task.xy_px, task.intensity))
 
     def track(self, task: Task, rotation: Floats) -> None:
         """Begin a frame with a predicted rotation (3, 3) and label it where that solves it."""
@@ -98,6 +106,16 @@ class Searcher:
     def field(self) -> StarField:
         """Return the frame's stars for the fallback; they hold until the next frame."""
         return StarField(self.results.vectors[: self.n_usable], self.camera.focal_length_px)
+
+    @property
+    def rotation(self) -> Floats:
+        """The rotation (3, 3) of the best pose."""
+        return self.results.rotation
+
+    @property
+    def room(self) -> int:
+        """How many centroids a frame may have."""
+        return len(self.results.vectors)
 
     @property
     def n_usable(self) -> int:

@@ -145,6 +145,10 @@ class Camera:
         """Area of the image."""
         return float(self.width_px) * self.height_px
 
+    def scaled(self, scale: float) -> "Camera":
+        """Return the same camera with its focal lengths multiplied."""
+        return replace(self, fx_px=self.fx_px * scale, fy_px=self.fy_px * scale)
+
     def with_parity(self, parity: str) -> "Camera":
         """Return the same camera with another parity."""
         return replace(self, parity=parity)

@@ -1,0 +1,117 @@
+"""Frames of a camera whose field of view is not known: a search over scales and depths."""
+
+import math
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.frame_solution import judged, received, refused, setup_of
+from star_tracker.identification.ended import Ended
+from star_tracker.identification.escalation import Escalation
+from star_tracker.identification.evidence import ScalePrior
+from star_tracker.identification.searcher import Searcher
+from star_tracker.identification.setup import with_mirror_image
+from star_tracker.optics.camera import Camera
+from star_tracker.solution import Solution, SolveSettings
+
+#: Steps overlap by this factor, so that no scale falls between two.
+_OVERLAP = 1.01
+
+
+class Step(Protocol):
+    """A range of fields of view, and the database that serves it; see `catalogue.ladder`."""
+
+    fov_min_deg: float
+    fov_max_deg: float
+    width_px: int
+    height_px: int
+
+    @property
+    def database(self) -> FeatureDatabase:
+        """Guide stars for the field in the middle of the range."""
+
+
+class AnyCameraTracker:
+    """Identifies the stars of frames, and finds out the field of view of the camera.
+
+    Each step of the ladder is searched by the shape of triangles, which do not depend on the
+    scale, those first that show about as many stars as the frame has. All scales share the
+    evidence, so that the answer is as honest as that of a known camera.
+
+    Args:
+        steps: the ladder, of one image size.
+        settings: tolerances, thresholds and limits; the fallback is not used.
+        parity: of the image.
+
+    Raises ValueError for a ladder without steps.
+    """
+
+    def __init__(
+        self, steps: Sequence[Step], settings: SolveSettings | None = None, *,
+        parity: str = "auto",
+    ) -> None:
+        if not steps:
+            raise ValueError("a ladder needs at least one step")
+        self.settings, self.steps = settings or SolveSettings(), tuple(steps)
+        setup = setup_of(self.settings)
+        self._limits = setup.limits
+        low, high = math.log(_cotangent(steps[-1].fov_max_deg)), math.log(
+            _cotangent(steps[0].fov_min_deg)
+        )
+        self._rungs: list[tuple[float, list[Searcher]]] = []
+        for step in steps:
+            camera = _middle(step, parity)
+            half = 0.5 * math.log(
+                _OVERLAP * _cotangent(step.fov_min_deg) / _cotangent(step.fov_max_deg)
+            )
+            prior = ScalePrior(-half, half, high - low, told=False, sigma=math.inf)
+            searchers = setup.searchers(step.database, with_mirror_image(camera), prior)
+            self._rungs.append((_expected(step, camera), searchers))
+        self._both = parity == "auto"
+
+    def solve(
+        self,
+        xy_px: ArrayLike,
+        intensity: ArrayLike | None = None,
+        *,
+        deadline_ms: float | None = None,
+    ) -> Solution:
+        """Identify centroids (n, 2), pixels, at any scale; see `StarTracker.solve`.
+
+        The solution's `camera` has the focal length that the stars show.
+        """
+        task = received(xy_px, intensity, deadline_ms, self.settings)
+        first = self._rungs[0][1][0]
+        first.begin(task)
+        if first.ended in (Ended.TOO_FEW, Ended.TOO_MANY):
+            return refused(task, first)
+        n = first.n_usable
+        rungs = sorted(self._rungs, key=lambda rung: abs(math.log((n + 1) / (rung[0] + 1))))
+        asked = [one for _, searchers in rungs for one in searchers[: 2 if self._both else 1]]
+        mirrors = [] if self._both else [searchers[1] for _, searchers in rungs]
+        asked[0].follow(task)
+        return judged(task, Escalation(asked, mirrors, self._limits).run(task))
+
+
+def _cotangent(fov_deg: float) -> float:
+    return 1.0 / math.tan(math.radians(fov_deg) / 2)
+
+
+def _middle(step: Step, parity: str) -> Camera:
+    """Return the camera in the middle of a step, on the logarithmic scale of focal lengths."""
+    focal = step.width_px / 2 * math.sqrt(
+        _cotangent(step.fov_min_deg) * _cotangent(step.fov_max_deg)
+    )
+    return Camera(
+        step.width_px, step.height_px, focal, focal, step.width_px / 2, step.height_px / 2, parity
+    )
+
+
+def _expected(step: Step, camera: Camera) -> float:
+    """Return how many guide stars the average field of a step shows."""
+    a, b = camera.width_px / 2 / camera.fx_px, camera.height_px / 2 / camera.fy_px
+    solid_angle = 4 * math.atan(a * b / math.sqrt(1 + a * a + b * b))
+    return float(len(step.database.catalog) * solid_angle / (4 * np.pi))

@@ -1,0 +1,129 @@
+"""Between what a user gives and gets and what the searchers work with: one frame each way."""
+
+import time
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from star_tracker.attitude.attitude import Attitude
+from star_tracker.identification.ended import MIN_STARS, Ended
+from star_tracker.identification.escalation import Verdict
+from star_tracker.identification.labels import LABEL, Identification
+from star_tracker.identification.search import Limits
+from star_tracker.identification.searcher import METHODS, Searcher, Task
+from star_tracker.identification.setup import Setup
+from star_tracker.solution import Solution, SolveSettings, Status, frozen
+
+#: Decades of evidence that end the search at once, where half of the centroids are matched (else
+#: it takes twice as many: a cluster can carry a pose whose roll is off). Weaker evidence that is
+#: enough has to be better than that of the next so many candidates: a few true stars among 40 can
+#: carry a pose that is off by half a degree. And the sky's mirror image must not fit better: a
+#: real sky seen in a mirror has look-alikes along lines of stars (benchmark/wrong_solutions.py).
+_CERTAIN = 8.0
+_SECOND_LOOK = 10.0
+#: Work, in votes, between two looks at the clock: less than 1 ms.
+_WORK = 20_000.0
+_UNKNOWN = np.empty(0)
+_STATUS = {
+    Ended.EXHAUSTED: Status.NO_MATCH, Ended.AMBIGUOUS: Status.AMBIGUOUS,
+    Ended.MORE: Status.TIMEOUT,
+}
+
+
+def setup_of(settings: SolveSettings) -> Setup:
+    """Return what the searchers are made with."""
+    enough = -settings.max_log10_false_alarms
+    limits = Limits(
+        max(_CERTAIN, enough), enough, _SECOND_LOOK, _WORK, settings.displaced_gate_px
+    )
+    return Setup(
+        settings.match_group if settings.method != METHODS[1] else None, limits,
+        settings.centroid_sigma_px, settings.max_centroids,
+    )
+
+
+def received(
+    xy_px: ArrayLike, intensity: ArrayLike | None, deadline_ms: float | None,
+    settings: SolveSettings,
+) -> Task:
+    """Check what came; return it with room for its labels.
+
+    Raises ValueError for an array of another shape, and a deadline that is not above 0.
+    """
+    started_s = time.perf_counter()
+    xy = np.asarray(xy_px, np.float64, order="C")
+    if xy.ndim != 2 or xy.shape[1] != 2:
+        raise ValueError(f"centroids have shape {xy.shape}: give an array (n, 2) of x, y")
+    if deadline_ms is None:
+        deadline_ms = settings.deadline_ms
+    elif not deadline_ms > 0:
+        raise ValueError(f"deadline_ms is {deadline_ms}: it must be greater than 0")
+    n = len(xy)
+    brightness = _UNKNOWN
+    if intensity is not None:
+        brightness = np.asarray(intensity, np.float64, order="C")
+        if brightness.shape != (n,):
+            raise ValueError(
+                f"intensities have shape {brightness.shape}: give one for each of {n} centroids"
+            )
+    return Task(xy, brightness, np.empty(n, LABEL), started_s, deadline_ms)
+
+
+def refused(task: Task, searcher: Searcher) -> Solution:
+    """Return the solution of a frame that a searcher could not begin."""
+    n, n_given, camera = searcher.n_usable, len(task.xy_px), searcher.camera
+    status = Status.BAD_INPUT
+    if searcher.ended == Ended.TOO_MANY:
+        reason = (
+            f"{n} centroids are more than max_centroids {searcher.room}: "
+            "raise the detector's threshold"
+        )
+    elif n_given > 0 and n == 0:
+        reason = (
+            f"all {n_given} centroids are non-finite or outside of the "
+            f"{camera.width_px} x {camera.height_px} px image: "
+            "check the camera's size and the detector"
+        )
+    else:
+        status = Status.TOO_FEW_STARS
+        reason = f"{n} stars, at least {MIN_STARS} are needed"
+    return _unsolved(task, status, reason, Verdict(searcher.ended, searcher, 0))
+
+
+def judged(task: Task, verdict: Verdict) -> Solution:
+    """Return the solution of a frame about which there is a verdict."""
+    if verdict.ended == Ended.SOLVED:
+        return solved(task, verdict.best, verdict.n_hypotheses)
+    return _unsolved(task, _STATUS[verdict.ended], verdict.reason, verdict)
+
+
+def _unsolved(task: Task, status: Status, reason: str, verdict: Verdict) -> Solution:
+    """Return the solution of a frame that has none."""
+    return Solution(
+        status, reason, Identification.empty(len(task.xy_px)),
+        log10_false_alarms=-verdict.best.score, n_hypotheses=verdict.n_hypotheses,
+        n_ignored=len(task.xy_px) - verdict.best.n_usable, solve_ms=task.elapsed_ms,
+    )
+
+
+def solved(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
+    """Return the solution of a labelled frame."""
+    labels, results = task.labels, searcher.results
+    n_usable, ra, dec, roll, rms_px, scale, variance_px2, scale_variance = results.outcome.item()
+    return frozen(
+        Solution, status=Status.SOLVED, reason="identified",
+        identification=frozen(
+            Identification, catalog_index=labels["catalog_index"], state=labels["state"],
+            residual_px=labels["residual_px"],
+        ),
+        attitude=frozen(
+            Attitude, quaternion_xyzw=results.quaternion.copy(),
+            covariance_rad2=results.covariance.copy(), ra_rad=ra, dec_rad=dec, roll_rad=roll,
+        ),
+        method=searcher.method, parity=searcher.camera.parity,
+        wrong_probability=searcher.wrong_probability, log10_false_alarms=-searcher.score,
+        rms_px=rms_px, n_hypotheses=n_hypotheses, n_ignored=len(labels) - n_usable,
+        solve_ms=task.elapsed_ms, mode=searcher.mode, told_camera=searcher.camera, scale=scale,
+        focal_length_error=scale_variance**0.5, centroid_sigma_px=variance_px2**0.5,
+        catalog=searcher.catalog,
+    )
