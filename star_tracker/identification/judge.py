@@ -21,6 +21,9 @@ from star_tracker.optics.frame import see_at_scale
 
 #: Rounds of projecting, associating and fitting, and more of them where the scale is fitted too.
 _ROUNDS, _MORE_ROUNDS = 5, 2
+#: A pose of a fitted scale with less evidence at first sight is not improved: there are many of
+#: them, and a true one hardly ever begins so low (false ones stand at -6 to -10).
+_HOPELESS = -4.0
 #: The gate, in tolerances of the candidate, within which a star may be associated.
 GATE_TOLERANCES = 2.0
 #: The camera sees nothing at 90 deg from its boresight.
@@ -203,7 +206,7 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
         if frame.has_brightness:
             magnitude = frame.magnitude[: frame.n]
             score += brightness(magnitude, sky.v_mag, matches.observed, matches.catalog, k)
-        if not score > best:
+        if not score > best or (pose.free and score < _HOPELESS):
             break
         best, matches.n_best = score, k
         copy_pose(trial, pose)

@@ -14,12 +14,13 @@ from star_tracker.identification.evidence import ScalePrior
 #: - mains: how many main stars there are;
 #: - votes: the least votes of a cell that is looked at;
 #: - cells: most cells of a main star and batch;
-#: - members: the least companions of a candidate;
+#: - worth: the least worth of a candidate by shape (`shapes.keep_agreeing`): false ones have 0.9
+#:   to 2.7 in the median, true ones 4 to 5;
 #: - pause: whether the searches of other cameras have their turn after it.
 LEVEL = np.dtype([
     ("by_shape", np.bool_), ("tolerance_px", np.float64), ("companions", np.int64),
     ("mains", np.int64), ("batch", np.int64), ("votes", np.int64), ("cells", np.int64),
-    ("members", np.int64), ("pause", np.bool_),
+    ("worth", np.float64), ("pause", np.bool_),
 ])
 #: As many main stars as the frame has stars.
 _ALL = np.iinfo(np.int64).max
@@ -59,17 +60,17 @@ def _by_separation(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
     n = settings.companions
     full = [(t, n, _ALL, n) for t in settings.pair_tolerance_px]
     rows = short * settings.quick + full
-    return [(False, *row, 0, settings.cells, 2, False) for row in rows]
+    return [(False, *row, 0, settings.cells, 0.0, False) for row in rows]
 
 
 def _by_shape(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
     first, second = settings.pair_tolerance_px[0], settings.pair_tolerance_px[:2][-1]
     short: list[tuple[float, ...]] = [
-        (True, first, 6, 3, 6, 3, 24, 3, True), (True, first, 12, 6, 12, 3, 48, 3, False),
-        (True, second, 12, 4, 12, 3, 48, 3, True),
+        (True, first, 6, 3, 6, 3, 24, 2.0, True), (True, first, 12, 6, 12, 3, 48, 2.0, False),
+        (True, second, 12, 4, 12, 3, 48, 2.5, True),
     ]
     n = settings.companions
     full: list[tuple[float, ...]] = [
-        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 2, True) for t in settings.pair_tolerance_px
+        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 1.5, True) for t in settings.pair_tolerance_px
     ]
     return short * settings.quick + full

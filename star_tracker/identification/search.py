@@ -209,9 +209,9 @@ def _try_cell_by_shape(engine: Any, main: int, cell: int, n_fan: int, level: Any
     """Make a candidate of a cell's members that agree in scale, and judge it; return the work."""
     sky, frame, room, star = engine.sky, engine.frame, engine.room, cell >> ROLL_BITS
     k = members_at_any_scale(engine, n_fan, cell, level.tolerance_px / sky.focal_px)
-    k, log_scale = keep_agreeing(engine, k, star)
+    k, log_scale, worth = keep_agreeing(engine, k, n_fan, star)
     prior = sky.scale_prior
-    if k < level.members or log_scale < prior.low or log_scale > prior.high:
+    if k < 2 or worth < level.worth or log_scale < prior.low or log_scale > prior.high:
         return _WORK_OF_A_LOOK
     room.observed[k], room.catalog[k] = main, star
     room.pose.scale, room.pose.free = np.exp(log_scale), True

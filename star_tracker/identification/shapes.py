@@ -180,11 +180,11 @@ def members_at_any_scale(engine: Any, n_fan: int, cell: int, tolerance_rad: floa
 
 
 @compiled
-def keep_agreeing(engine: Any, n: int, star: int) -> tuple[int, float]:
+def keep_agreeing(engine: Any, n: int, n_fan: int, star: int) -> tuple[int, float, float]:
     """Keep the members that agree with the best one in scale and roll.
 
-    Writes their matches to the room; returns how many there are and the log of their focal length
-    over the camera's own.
+    Writes their matches to the room. Returns how many there are, the log of their focal length
+    over the camera's own, and what they are worth (`_worth`).
     """
     fan, room, fan_star = engine.fan, engine.room, engine.triangles.fan_star
     hub, most = 0, 0
@@ -195,7 +195,7 @@ def keep_agreeing(engine: Any, n: int, star: int) -> tuple[int, float]:
         if partners > most:
             hub, most = i, partners
     if most == 0:
-        return 0, 0.0
+        return 0, 0.0, 0.0
     k, total, sum_log = 0, 0.0, 0.0
     for j in range(n):
         if j == hub or _agree(fan, hub, j):
@@ -205,7 +205,31 @@ def keep_agreeing(engine: Any, n: int, star: int) -> tuple[int, float]:
             total += weight
             sum_log += weight * fan.log_ratio[j]
             k += 1
-    return k, sum_log / total
+    return k, sum_log / total, _worth(engine, hub, n_fan, k - 1, star)
+
+
+@compiled
+def _worth(engine: Any, hub: int, n_fan: int, partners: int, star: int) -> float:
+    """Return -log10 of the chance that a member has so many partners.
+
+    With the scale and roll of one member, each other companion has a star of the fan in its place
+    by chance in proportion to the fan's density and the area of the tolerance (Poisson).
+    """
+    fan, own = engine.fan, engine.triangles.fan_log_separation[star]
+    density = len(own) * np.exp(-2.0 * own[len(own) - 1])
+    slack2, separation = fan.slack[hub] * fan.slack[hub], fan.separation
+    at = fan.companion[hub]
+    tolerance2 = slack2 * separation[at] * separation[at]
+    mean = 0.0
+    for i in range(n_fan):
+        if i != at:
+            mean += min(density * (tolerance2 + separation[i] * separation[i] * slack2), 1.0)
+    if partners <= mean:
+        return 0.0
+    total = partners * np.log(mean) - mean
+    for i in range(2, partners + 1):
+        total -= np.log(i)
+    return -total / np.log(10.0)
 
 
 @compiled
