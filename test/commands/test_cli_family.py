@@ -8,19 +8,15 @@ import os
 import re
 import shlex
 import signal
-import subprocess
-import sys
-import threading
 from importlib import import_module
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from processes import ROOT, completed, ended, popen
+from waiting import last_resort
 
 from star_tracker.commands import cli
 
-ROOT = Path(__file__).resolve().parents[2]
-TIMEOUT_S = 60.0
 #: Commands whose examples take too long to be run here, or need a node that runs.
 SLOW = {"evaluate", "watch"}
 #: The unit that an option's name ends with, as its help has it.
@@ -57,10 +53,7 @@ def run_main(capsys, *arguments):
 
 def started(*arguments, **options):
     """Start a command as a process of its own."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "star_tracker.commands.cli", *arguments], cwd=ROOT, text=True,
-        stderr=subprocess.PIPE, **options,
-    )
+    return popen("-m", "star_tracker.commands.cli", *arguments, **options)
 
 
 # What a command says of itself
@@ -144,10 +137,7 @@ def test_a_command_does_not_load_the_modules_of_another():
         "import sys, star_tracker.commands.cli as cli; cli.make_parser('geometry');"
         "print([n for n in cli.COMMANDS if f'star_tracker.commands.{n}' in sys.modules])"
     )
-    out = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True
-    ).stdout
-    assert out == "['geometry']\n"
+    assert completed("-c", code).stdout == "['geometry']\n"
 
 
 # What it does
@@ -205,21 +195,16 @@ def test_a_reader_that_has_gone_ends_a_command_quietly(form):
     os.close(read)
     with started("geometry", "1", *form, stdout=write) as process:
         os.close(write)
-        _, messages = process.communicate(timeout=TIMEOUT_S)
-    assert (process.returncode, messages) == (cli.NO_READER, "")
+        assert ended(process) == (cli.NO_READER, "")
 
 
 def test_ctrl_c_ends_a_command_quietly(tmp_path):
     """It comes while the command waits for a map that somebody else is about to write."""
     fifo = tmp_path / "map.csv"
     os.mkfifo(fifo)
-    with started("geometry", str(fifo)) as process:
+    with started("geometry", fifo) as process:
         # Lets the open() below return should the command have ended before it reads.
-        watchdog = threading.Timer(TIMEOUT_S, os.open, (fifo, os.O_RDONLY | os.O_NONBLOCK))
-        watchdog.start()
-        with fifo.open("w"):
+        with last_resort(lambda: os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)), fifo.open("w"):
             process.send_signal(signal.SIGINT)
         # Closed: a signal that came just before the reading is noticed after it.
-        watchdog.cancel()
-        _, messages = process.communicate(timeout=TIMEOUT_S)
-    assert (process.returncode, messages) == (cli.INTERRUPTED, "")
+        assert ended(process) == (cli.INTERRUPTED, "")
