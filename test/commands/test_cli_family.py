@@ -35,12 +35,6 @@ def actions_of(name):
     return [a for a in parser_of(name)._actions if a.dest != "help"]
 
 
-OPTIONS = [
-    (name, action.option_strings[-1])
-    for name in NAMES for action in actions_of(name) if action.option_strings and action.nargs != 0
-]
-
-
 def run_main(capsys, *arguments):
     """Return exit code, output and messages of a command in this process."""
     try:
@@ -97,20 +91,26 @@ def test_all_that_a_command_takes_has_a_help_in_the_same_style(name):
         assert not action.help.endswith("."), f"{name}: {action.help}"
 
 
-@pytest.mark.parametrize(("name", "option"), OPTIONS)
-def test_an_option_tells_its_unit_and_its_default_in_parentheses(name, option):
-    (action,) = (a for a in actions_of(name) if option in a.option_strings)
-    text = action.help % {"default": action.default}
-    default = re.search(r"\(([^()]+)\)$", text)
-    assert default, f"{option}: the help must end with the default in parentheses: {text}"
-    if action.default is not None:
-        shown = action.default
-        assert str(shown) in default[1] or f"{shown:g}" == default[1]
-    unit = UNITS.get(option.rsplit("-", 1)[-1])
-    if unit is not None:
-        assert re.search(rf"\b{unit}\b", text), f"{option}: the help must tell the unit, {unit}"
-    if action.choices is None:
-        assert action.metavar, f"{option}: give a metavar, the unit or N"
+def options_of(name):
+    """Return a command's options that take a value."""
+    return [a for a in actions_of(name) if a.option_strings and a.nargs != 0]
+
+
+@each_command
+def test_an_option_tells_its_unit_and_its_default_in_parentheses(name):
+    for action in options_of(name):
+        option = action.option_strings[-1]
+        text = action.help % {"default": action.default}
+        default = re.search(r"\(([^()]+)\)$", text)
+        assert default, f"{option}: the help must end with the default in parentheses: {text}"
+        if action.default is not None:
+            shown = action.default
+            assert str(shown) in default[1] or f"{shown:g}" == default[1], option
+        unit = UNITS.get(option.rsplit("-", 1)[-1])
+        if unit is not None:
+            assert re.search(rf"\b{unit}\b", text), f"{option}: the help must tell {unit}"
+        if action.choices is None:
+            assert action.metavar, f"{option}: give a metavar, the unit or N"
 
 
 def test_the_help_lists_all_commands_and_an_example(capsys):
@@ -165,14 +165,16 @@ def test_an_option_that_is_not_there_is_refused_in_one_line(name, capsys):
     )
 
 
-@pytest.mark.parametrize(("name", "option"), OPTIONS)
-def test_an_option_without_its_value_is_refused_in_one_line(name, option, capsys):
+@each_command
+def test_an_option_without_its_value_is_refused_in_one_line(name, capsys):
     words = shlex.split(cli.COMMANDS[name].example)[1:]
-    code, out, err = run_main(capsys, *words, option)
-    assert (code, out) == (2, "")
-    assert re.fullmatch(
-        rf"star_tracker {name}: argument {option}: .* \(see star_tracker {name} --help\)\n", err
-    )
+    for option in (action.option_strings[-1] for action in options_of(name)):
+        code, out, err = run_main(capsys, *words, option)
+        assert (code, out) == (2, "")
+        assert re.fullmatch(
+            rf"star_tracker {name}: argument {option}: .* \(see star_tracker {name} --help\)\n",
+            err,
+        )
 
 
 @pytest.mark.parametrize("words", [[], ["no-such-command"], ["--json"]])
