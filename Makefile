@@ -1,4 +1,5 @@
 # make demo: the main job in two processes.  make test: the tests.  Both set up what they need.
+# make test-all: the long statistics too, and how much of the nodes the tests run through.
 # PYTHON=python3.12 chooses another Python, CONSTRAINTS=FILE other versions than the locked ones.
 
 PYTHON ?= python3
@@ -15,15 +16,22 @@ version := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2
 ros := $(shell $(PYTHON) -c 'import rclpy' 2>/dev/null && echo sourced || echo wheels)
 ready := $(VENV)/.ready-$(version)-$(ros)-$(notdir $(CONSTRAINTS))
 python := $(VENV)/bin/python
+tested := $(ready) $(if $(filter no,$(BROWSER)),,$(VENV)/.browser)
 
-.PHONY: demo test lint docs data figures benchmark report clean
+.PHONY: demo test test-all lint docs data figures benchmark report clean
 
 demo: $(ready)
 	$(python) -m star_tracker.nodes.demo
 
-test: $(ready) $(if $(filter no,$(BROWSER)),,$(VENV)/.browser)
+# A file's tests stay together, as they share what they have made.
+pytest := pytest -n auto --dist loadfile --no-loadscope-reorder
+
+test: $(tested)
+	$(python) -m $(pytest) $(PYTEST_ARGS)
+
+test-all: $(tested)
 	$(python) -m coverage erase
-	ROS_PYTHON_CHECK_FIELDS=1 $(python) -m coverage run -m pytest $(PYTEST_ARGS)
+	$(python) -m coverage run -m $(pytest) -m "" $(PYTEST_ARGS)
 	$(python) -m coverage combine --quiet
 	$(if $(PYTEST_ARGS),,$(python) -m coverage report)
 

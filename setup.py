@@ -38,7 +38,7 @@ setup(
         "docs": ["sphinx", "myst-parser", "furo"],
         "plot": ["matplotlib>=3.6"],
         "report": ["matplotlib>=3.6", "joblib>=1.3", "jinja2>=3.1", "PyYAML"],
-        "test": ["pytest<9", "hypothesis", "coverage>=7.10", "playwright"],
+        "test": ["pytest<9", "pytest-xdist", "hypothesis", "coverage>=7.10", "playwright"],
     },
     entry_points={
         "console_scripts": [

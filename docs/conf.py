@@ -96,8 +96,9 @@ def list_arguments(app, what, name, obj, options, lines):
     lines[:] = result
 
 
-def name_factories(app, what, name, obj, options, signature, returns):  # noqa: PLR0917
+def name_factories(*event):
     """Make signatures readable for Sphinx whose defaults come from a factory."""
+    *_, signature, returns = event
     return signature and signature.replace("<factory>", "..."), returns
 
 

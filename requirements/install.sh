@@ -54,7 +54,7 @@ if [ "$ros" = sourced ] || [ -n "$constraints" ]; then
     echo "Installing numpy, scipy, numba, matplotlib and pytest ..."
     install "the Python libraries" ${constraints:+-c "$constraints"} \
         numpy scipy numba rich matplotlib joblib jinja2 PyYAML distributed \
-        "pytest<9" coverage playwright hypothesis xlrd "setuptools>=70.1,<80" wheel
+        "pytest<9" pytest-xdist coverage playwright hypothesis xlrd "setuptools>=70.1,<80" wheel
 else
     echo "Installing numpy, scipy, numba, matplotlib and pytest (pinned by hash) ..."
     install "the Python libraries" --require-hashes -r requirements/python.txt

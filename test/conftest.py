@@ -1,63 +1,128 @@
-"""The environment of all tests, set before anything imports ROS.
+"""The environment of all tests, set before anything imports ROS, and what most of them need.
 
-The tests of the core need no ROS. Those of the rim are skipped where rclpy cannot be imported, but
-fail there in continuous integration (environment variable CI), lest they be forgotten.
+The tests of the core need numpy, scipy and numba. Those of the rim and of the extras are skipped
+where their libraries are missing, but fail there in continuous integration (environment variable
+CI), lest they be forgotten.
 """
 
+import errno
 import os
+import socket
 import warnings
-from fnmatch import fnmatch
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 
+HERE = Path(__file__).parent
+#: What the tests of a folder need besides; single files say it themselves by importorskip.
+NEEDS = {
+    "figures": ("matplotlib",),
+    "msg_adapters": ("rclpy",),
+    "nodes": ("rclpy", "yaml"),
+    "study": ("jinja2", "joblib", "matplotlib", "yaml"),
+}
+#: ROS can use 101 domains on a computer besides the usual one; each has a port as its lock.
+_DOMAINS = 101
+_FIRST_PORT = 22_119
+
+
+def claim_domain():
+    """Return a ROS domain that no other test run has, and what holds it for this process's life.
+
+    ROS's own domain_coordinator claims them in the same way: by binding a port.
+    """
+    for n in range(_DOMAINS):
+        domain = 1 + (os.getpid() + n) % _DOMAINS
+        claim = socket.socket()
+        try:
+            claim.bind(("127.0.0.1", _FIRST_PORT + domain))
+        except OSError as error:
+            claim.close()
+            if error.errno != errno.EADDRINUSE:
+                raise
+        else:
+            return domain, claim
+    raise RuntimeError(f"{_DOMAINS} test runs are at work: wait until one has ended")
+
+
+ROS_DOMAIN, _CLAIM = claim_domain()
 os.environ.update(
     OPENBLAS_NUM_THREADS="1",
     RCUTILS_COLORIZED_OUTPUT="0",
     ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
-    # A domain of this test run's own: neither robots nor other test runs hear it.
-    ROS_DOMAIN_ID=str(1 + os.getpid() % 101),
+    # Neither robots nor other test runs hear this one, nor do the workers of one run each other.
+    ROS_DOMAIN_ID=str(ROS_DOMAIN),
     ROS_PYTHON_CHECK_FIELDS="1",
 )
 
-ROS_TEST_MODULES = (
-    "test_adapters_*.py", "test_parameters.py", "test_identify_node.py", "test_replay_node.py",
-    "test_processes.py", "test_focal_length_node.py", "test_node_*.py", "test_faults_*.py",
-    "test_tutorial.py", "test_watch.py", "test_layouts.py",
-)
-
-try:
-    # Imported here once, as ROS's own imports warn and in the tests each warning is an error.
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import rclpy  # noqa: F401
-        import rosidl_generator_py  # noqa: F401
-except ImportError as error:
-    ROS_MISSING = f"needs ROS 2 Jazzy, but rclpy cannot be imported: {error}"
-else:
-    ROS_MISSING = ""
+def fault_of(name):
+    """Import a library; return what is wrong with it in words, or nothing."""
+    try:
+        # Here once, as ROS's own imports warn and in the tests each warning is an error.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import_module(name)
+    except ImportError as error:
+        return f"needs {name}, which cannot be imported: {error}"
+    return ""
 
 
-class ModuleWithoutRos(pytest.Module):
-    """A test module that needs ROS, where there is none."""
+fault_of("rosidl_generator_py")
+
+
+class Module(pytest.Module):
+    """A test module that is skipped where a library is missing that its folder needs."""
 
     def collect(self):
-        if os.environ.get("CI"):
-            raise self.CollectError(ROS_MISSING)
-        pytest.skip(ROS_MISSING, allow_module_level=True)
+        folder = self.path.relative_to(HERE).parts[0]
+        for fault in filter(None, map(fault_of, NEEDS.get(folder, ()))):
+            if os.environ.get("CI"):
+                raise self.CollectError(fault)
+            pytest.skip(fault, allow_module_level=True)
+        return super().collect()
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_pycollect_makemodule(module_path, parent):
-    if ROS_MISSING and any(fnmatch(module_path.name, name) for name in ROS_TEST_MODULES):
-        return ModuleWithoutRos.from_parent(parent, path=module_path)
-    return None
+    """Make all modules here, so that a missing library skips the files that need it and no more.
+
+    launch_testing, which comes with ROS, would import each file to look for a launch description:
+    what is raised there takes the whole run or the whole folder along.
+    """
+    return Module.from_parent(parent, path=module_path)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def solver_compiled():
-    """Compile the solver, or load it: the processes that tests start then find it in its cache."""
+# What is made once for all tests of a run. Imported there: the environment above comes first.
+
+
+@pytest.fixture(scope="session")
+def catalog():
+    """The paper's stars."""
     from star_tracker.catalogue.catalog import StarCatalog
-    from star_tracker.catalogue.database import FeatureDatabase
-    from star_tracker.maps.simulation import CAMERAS
-    from star_tracker.tracker import StarTracker
 
-    StarTracker(FeatureDatabase.build(StarCatalog.paper()), CAMERAS["12 deg"])
+    return StarCatalog.paper()
+
+
+@pytest.fixture(scope="session")
+def database(catalog):
+    """Features of the paper's stars."""
+    from star_tracker.catalogue.database import FeatureDatabase
+
+    return FeatureDatabase.build(catalog)
+
+
+@pytest.fixture(scope="session")
+def trackers(database):
+    """Trackers of the paper's stars by camera; they take as long as they need for a frame."""
+    from star_tracker.maps.simulation import CAMERAS
+    from star_tracker.tracker import SolveSettings, StarTracker
+
+    patient = SolveSettings(deadline_ms=float("inf"))
+    return {name: StarTracker(database, camera, patient) for name, camera in CAMERAS.items()}
+
+
+@pytest.fixture(scope="session")
+def solver_compiled(trackers):
+    """Compile the solver, or load it: the processes that a test starts find it in its cache."""
+    return trackers

@@ -22,12 +22,11 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
+from waiting import longest_s
 
 from msg_adapters.point_cloud import Centroids, cloud_from_centroids, stars_from_cloud
 from msg_adapters.solution import values_from_diagnostics
 
-#: The longest wait for anything. Discovery between processes alone may take 2.4 s.
-TIMEOUT_S = 30.0
 #: Deep enough for every burst of the tests.
 DEPTH = 200
 _numbers = itertools.count(1)
@@ -76,8 +75,7 @@ class Outbox:
 class Bench:
     """The node under test and a probe. Use `open_bench`, which also cleans up."""
 
-    def __init__(self, timeout_s=TIMEOUT_S):
-        self.timeout_s = timeout_s
+    def __init__(self):
         self.namespace = f"/bench{next(_numbers)}"
         self.context = Context()
         rclpy.init(context=self.context)
@@ -117,10 +115,10 @@ class Bench:
         self._lookouts.append(look)
         try:
             look()
-            self.executor.spin_until_future_complete(future, timeout_sec=self.timeout_s)
+            self.executor.spin_until_future_complete(future, timeout_sec=longest_s())
         finally:
             self._lookouts.remove(look)
-        assert future.done(), f"no {what} within {self.timeout_s:g} s"
+        assert future.done(), f"no {what}"
 
     def outbox(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
         """Publish a topic of the node under test, which need not be there yet."""
@@ -189,9 +187,9 @@ class Bench:
 
 
 @contextmanager
-def open_bench(timeout_s=TIMEOUT_S):
+def open_bench():
     """Give a bench and close it at the end."""
-    bench = Bench(timeout_s)
+    bench = Bench()
     try:
         yield bench
     finally:

@@ -7,15 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from star_tracker.attitude.prediction import Predictor
-from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.searcher import LOST_IN_SPACE, TRACKING
-from star_tracker.maps.simulation import synthetic_field
-from star_tracker.optics.camera import Camera
-from star_tracker.solution import SolveSettings, Status
-from star_tracker.tracker import StarTracker
+from star_tracker.maps.simulation import CAMERAS, synthetic_field
+from star_tracker.solution import Status
 
 SECOND = 1_000_000_000
 START = Rotation.from_rotvec([0.3, -1.2, 0.7])
@@ -128,17 +124,16 @@ def test_impossible_age_is_refused(max_age_s):
 
 # ---- tracking a slew -------------------------------------------------------------------------
 
-CAMERA = Camera.from_fov(12, 512, 512)
+CAMERA = CAMERAS["12 deg"]
 RATE_HZ, N_FRAMES = 10, 60
 NOISE_PX, FALSE_STARS = 0.5, 0.5
 #: With a handful of stars, 0.5 px are some 0.3 px in the boresight, 0.007 deg.
 LIMIT_DEG = 0.05
 
 
-@pytest.fixture(scope="module")
-def tracker():
-    database = FeatureDatabase.build(StarCatalog.paper())
-    return StarTracker(database, CAMERA, SolveSettings(deadline_ms=60_000.0))
+@pytest.fixture
+def tracker(trackers):
+    return trackers["12 deg"]
 
 
 def follow(tracker, rotations, seed):

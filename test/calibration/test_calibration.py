@@ -10,18 +10,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, f, kstest, t
 
 from star_tracker.calibration.lens import SIGNIFICANCE, calibrate
-from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.maps.simulation import random_rotation, synthetic_field
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
 
 SIZE_PX = {12: 512, 20: 1024}
-
-
-@pytest.fixture(scope="module")
-def catalog():
-    return StarCatalog.paper()
 
 
 def camera_of(fov_deg, **changes):

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from star_tracker.calibration import hints
-from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.identification.labels import Identification
 from star_tracker.maps.simulation import synthetic_field, uniform_noise
@@ -29,11 +27,6 @@ def unsolved(status=Status.NO_MATCH):
 
 def hint(database, camera, settings, xy_px, budget_ms, *, solution=None):
     return hints.hint(database, (camera, settings), xy_px, solution or unsolved(), budget_ms)
-
-
-@pytest.fixture(scope="module")
-def database():
-    return FeatureDatabase.build(StarCatalog.paper())
 
 
 @pytest.fixture(scope="module")

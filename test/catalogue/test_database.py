@@ -4,12 +4,13 @@ import pickle
 import re
 import resource
 import subprocess
-import sys
 import zipfile
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from processes import popen
+from waiting import longest_s
 
 from star_tracker.catalogue import database as database_module
 from star_tracker.catalogue import feature_file
@@ -35,9 +36,9 @@ def small():
     return FeatureDatabase.build(catalog_of(N_STARS))
 
 
-@pytest.fixture(scope="module")
-def paper():
-    return FeatureDatabase.build(StarCatalog.paper())
+@pytest.fixture
+def paper(database):
+    return database
 
 
 @pytest.fixture
@@ -242,10 +243,7 @@ for _ in range(3):
 def test_two_processes_share_a_folder(paper, tmp_path):
     """Each takes the file away three times and makes it again: no half file is ever met."""
     both = [
-        subprocess.Popen(
-            [sys.executable, "-c", SHARE, str(tmp_path)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        )
+        popen("-c", SHARE, tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=None)
         for _ in range(2)
     ]
     try:
@@ -254,7 +252,7 @@ def test_two_processes_share_a_folder(paper, tmp_path):
         for process in both:
             process.stdin.write("go\n")
             process.stdin.flush()
-        answers = [process.communicate(timeout=60)[0].splitlines() for process in both]
+        answers = [process.communicate(timeout=longest_s())[0].splitlines() for process in both]
     finally:
         for process in both:
             process.kill()

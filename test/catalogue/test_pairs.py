@@ -45,9 +45,9 @@ def by_separation(table):
     return table.main_azimuth // AZIMUTH_UNITS, table.main_azimuth % AZIMUTH_UNITS
 
 
-@pytest.fixture(scope="module")
-def paper():
-    return StarCatalog.paper()
+@pytest.fixture
+def paper(catalog):
+    return catalog
 
 
 @pytest.mark.parametrize(("limit_deg", "pairs"), [(12.0, 149_423), (17.0, 294_833)])

@@ -8,19 +8,15 @@ import os
 import re
 import shlex
 import signal
-import subprocess
-import sys
-import threading
 from importlib import import_module
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from processes import ROOT, completed, ended, popen
+from waiting import last_resort
 
 from star_tracker.commands import cli
 
-ROOT = Path(__file__).resolve().parents[2]
-TIMEOUT_S = 60.0
 #: Commands whose examples take too long to be run here, or need a node that runs.
 SLOW = {"evaluate", "watch"}
 #: The unit that an option's name ends with, as its help has it.
@@ -39,12 +35,6 @@ def actions_of(name):
     return [a for a in parser_of(name)._actions if a.dest != "help"]
 
 
-OPTIONS = [
-    (name, action.option_strings[-1])
-    for name in NAMES for action in actions_of(name) if action.option_strings and action.nargs != 0
-]
-
-
 def run_main(capsys, *arguments):
     """Return exit code, output and messages of a command in this process."""
     try:
@@ -57,10 +47,7 @@ def run_main(capsys, *arguments):
 
 def started(*arguments, **options):
     """Start a command as a process of its own."""
-    return subprocess.Popen(
-        [sys.executable, "-m", "star_tracker.commands.cli", *arguments], cwd=ROOT, text=True,
-        stderr=subprocess.PIPE, **options,
-    )
+    return popen("-m", "star_tracker.commands.cli", *arguments, **options)
 
 
 # What a command says of itself
@@ -104,20 +91,26 @@ def test_all_that_a_command_takes_has_a_help_in_the_same_style(name):
         assert not action.help.endswith("."), f"{name}: {action.help}"
 
 
-@pytest.mark.parametrize(("name", "option"), OPTIONS)
-def test_an_option_tells_its_unit_and_its_default_in_parentheses(name, option):
-    (action,) = (a for a in actions_of(name) if option in a.option_strings)
-    text = action.help % {"default": action.default}
-    default = re.search(r"\(([^()]+)\)$", text)
-    assert default, f"{option}: the help must end with the default in parentheses: {text}"
-    if action.default is not None:
-        shown = action.default
-        assert str(shown) in default[1] or f"{shown:g}" == default[1]
-    unit = UNITS.get(option.rsplit("-", 1)[-1])
-    if unit is not None:
-        assert re.search(rf"\b{unit}\b", text), f"{option}: the help must tell the unit, {unit}"
-    if action.choices is None:
-        assert action.metavar, f"{option}: give a metavar, the unit or N"
+def options_of(name):
+    """Return a command's options that take a value."""
+    return [a for a in actions_of(name) if a.option_strings and a.nargs != 0]
+
+
+@each_command
+def test_an_option_tells_its_unit_and_its_default_in_parentheses(name):
+    for action in options_of(name):
+        option = action.option_strings[-1]
+        text = action.help % {"default": action.default}
+        default = re.search(r"\(([^()]+)\)$", text)
+        assert default, f"{option}: the help must end with the default in parentheses: {text}"
+        if action.default is not None:
+            shown = action.default
+            assert str(shown) in default[1] or f"{shown:g}" == default[1], option
+        unit = UNITS.get(option.rsplit("-", 1)[-1])
+        if unit is not None:
+            assert re.search(rf"\b{unit}\b", text), f"{option}: the help must tell {unit}"
+        if action.choices is None:
+            assert action.metavar, f"{option}: give a metavar, the unit or N"
 
 
 def test_the_help_lists_all_commands_and_an_example(capsys):
@@ -144,10 +137,7 @@ def test_a_command_does_not_load_the_modules_of_another():
         "import sys, star_tracker.commands.cli as cli; cli.make_parser('geometry');"
         "print([n for n in cli.COMMANDS if f'star_tracker.commands.{n}' in sys.modules])"
     )
-    out = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True
-    ).stdout
-    assert out == "['geometry']\n"
+    assert completed("-c", code).stdout == "['geometry']\n"
 
 
 # What it does
@@ -175,14 +165,16 @@ def test_an_option_that_is_not_there_is_refused_in_one_line(name, capsys):
     )
 
 
-@pytest.mark.parametrize(("name", "option"), OPTIONS)
-def test_an_option_without_its_value_is_refused_in_one_line(name, option, capsys):
+@each_command
+def test_an_option_without_its_value_is_refused_in_one_line(name, capsys):
     words = shlex.split(cli.COMMANDS[name].example)[1:]
-    code, out, err = run_main(capsys, *words, option)
-    assert (code, out) == (2, "")
-    assert re.fullmatch(
-        rf"star_tracker {name}: argument {option}: .* \(see star_tracker {name} --help\)\n", err
-    )
+    for option in (action.option_strings[-1] for action in options_of(name)):
+        code, out, err = run_main(capsys, *words, option)
+        assert (code, out) == (2, "")
+        assert re.fullmatch(
+            rf"star_tracker {name}: argument {option}: .* \(see star_tracker {name} --help\)\n",
+            err,
+        )
 
 
 @pytest.mark.parametrize("words", [[], ["no-such-command"], ["--json"]])
@@ -205,21 +197,16 @@ def test_a_reader_that_has_gone_ends_a_command_quietly(form):
     os.close(read)
     with started("geometry", "1", *form, stdout=write) as process:
         os.close(write)
-        _, messages = process.communicate(timeout=TIMEOUT_S)
-    assert (process.returncode, messages) == (cli.NO_READER, "")
+        assert ended(process) == (cli.NO_READER, "")
 
 
 def test_ctrl_c_ends_a_command_quietly(tmp_path):
     """It comes while the command waits for a map that somebody else is about to write."""
     fifo = tmp_path / "map.csv"
     os.mkfifo(fifo)
-    with started("geometry", str(fifo)) as process:
+    with started("geometry", fifo) as process:
         # Lets the open() below return should the command have ended before it reads.
-        watchdog = threading.Timer(TIMEOUT_S, os.open, (fifo, os.O_RDONLY | os.O_NONBLOCK))
-        watchdog.start()
-        with fifo.open("w"):
+        with last_resort(lambda: os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)), fifo.open("w"):
             process.send_signal(signal.SIGINT)
         # Closed: a signal that came just before the reading is noticed after it.
-        watchdog.cancel()
-        _, messages = process.communicate(timeout=TIMEOUT_S)
-    assert (process.returncode, messages) == (cli.INTERRUPTED, "")
+        assert ended(process) == (cli.INTERRUPTED, "")

@@ -1,8 +1,6 @@
 """`star_tracker plot` and the pictures: what is drawn, that it can be read, what is refused."""
 
 import json
-import subprocess
-import sys
 from itertools import combinations
 from pathlib import Path
 
@@ -10,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from matplotlib.text import Text
+from processes import completed
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
@@ -37,11 +36,6 @@ ROOT = Path(__file__).resolve().parents[2]
 COUNTS = {1: (15, 0), 2: (16, 0), 3: (7, 0), 4: (12, 0), 5: (9, 0), 6: (9, 3), 7: (41, 0),
           8: (29, 0)}
 PORTRAIT = Camera.from_fov(10, 600, 800)
-
-
-@pytest.fixture(scope="module")
-def database():
-    return FeatureDatabase.build(StarCatalog.paper())
 
 
 @pytest.fixture(scope="module")
@@ -324,13 +318,11 @@ def test_without_matplotlib_the_extra_is_named():
     script = (
         "import sys\n"
         "sys.modules['matplotlib'] = None\n"
-        "from star_tracker import cli\n"
+        "from star_tracker.commands import cli\n"
         "assert cli.main(['geometry', '1', '--json']) == 0\n"
         "sys.exit(cli.main(['plot', '1']))\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ROOT
-    )
+    result = completed("-c", script)
     assert result.returncode == 2
     assert result.stderr == (
         "star_tracker plot: pictures need matplotlib: pip install 'star_tracker[plot]'\n"

@@ -1,19 +1,17 @@
 """Where compiled code is kept, and that it works without any place for it."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numba.core import config as numba_config
+from processes import completed, environment
 
 from star_tracker import compiled as module
 from star_tracker import resources
 from star_tracker.compiled import compiled, first_not_below, inlined
 
-SOURCE = Path(module.__file__)
 #: One function of the package, as small as there is one.
 SMALLEST = """
 import numpy as np
@@ -102,15 +100,16 @@ def test_a_folder_without_permission_is_none(monkeypatch, tmp_path):
 
 
 def test_the_folder_follows_the_sources(monkeypatch, tmp_path):
-    """A change of any file of the package, or one more, is another folder; undone it is the same.
+    """A change of a file that is compiled, or one more, is another folder; undone it is the same.
 
     Machine code of a function contains that of functions of other files which it calls.
     """
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     package = tmp_path / "package"
     package.mkdir()
-    (package / "resources.py").touch()
-    other = package / "other.py"
+    (package / "compiled.py").touch()
+    other = package / resources.COMPILED_ROOMS[0] / "other.py"
+    other.parent.mkdir()
     monkeypatch.setattr(resources, "__file__", str(package / "resources.py"))
 
     def name():
@@ -126,7 +125,7 @@ def test_the_folder_follows_the_sources(monkeypatch, tmp_path):
     assert len({alone, first, second}) == 3
     other.write_text("STEP = 1\n")
     assert name() == first
-    (package / "notes.txt").write_text("not a source")
+    (other.parent / "notes.txt").write_text("not a source")
     assert name() == first
     assert len(list((tmp_path / "cache" / "star_tracker").iterdir())) == 3
 
@@ -183,32 +182,28 @@ def test_a_division_by_zero_is_no_exception(monkeypatch, tmp_path):
     assert np.isnan(function(0.0, 0.0))
 
 
-def run(**environment):
-    kept = {k: v for k, v in os.environ.items() if k not in {"NUMBA_CACHE_DIR", "XDG_CACHE_HOME"}}
-    paths = [str(SOURCE.parent.parent), kept.get("PYTHONPATH", "")]
-    kept["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-c", SMALLEST], env={**kept, **environment}, text=True,
-        capture_output=True, timeout=120, check=False,
+def run(cache):
+    return completed(
+        "-W", "error", "-c", SMALLEST, env=environment(NUMBA_CACHE_DIR=str(cache))
     )
 
 
 def test_a_process_keeps_what_it_compiles(tmp_path):
-    found = run(NUMBA_CACHE_DIR=str(tmp_path))
+    found = run(tmp_path)
     assert (found.stdout, found.stderr, found.returncode) == ("2\n", "", 0)
     (folder,) = (tmp_path / "star_tracker").iterdir()
     kept = {path.name: path.stat().st_mtime_ns for path in folder.rglob("*.nb?")}
     assert len(kept) == 2
     assert all("first_not_below" in name for name in kept)
     # The next process finds it there and writes nothing.
-    again = run(NUMBA_CACHE_DIR=str(tmp_path))
+    again = run(tmp_path)
     assert (again.stdout, again.stderr) == ("2\n", "")
     assert {path.name: path.stat().st_mtime_ns for path in folder.rglob("*.nb?")} == kept
 
 
 def test_a_process_without_a_place_for_it_works(tmp_path):
     (tmp_path / "file").write_text("in the way")
-    found = run(NUMBA_CACHE_DIR=str(tmp_path / "file"))
+    found = run(tmp_path / "file")
     assert (found.stdout, found.stderr, found.returncode) == ("2\n", "", 0)
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from star_tracker.resources import COMPILED_ROOMS
+
 CHECKOUT = Path(__file__).resolve().parents[2]
 PACKAGE = CHECKOUT / "star_tracker"
 ADAPTERS = CHECKOUT / "msg_adapters"
@@ -120,6 +122,15 @@ def test_a_later_folder_is_imported_only_where_it_is_used():
 def test_the_modules_at_the_top_import_nothing_of_the_package():
     assert rooms(imports(PACKAGE / "resources.py")) == set()
     assert rooms(imports(PACKAGE / "compiled.py")) == {"resources"}
+
+
+def test_all_that_is_compiled_is_in_the_digest_that_names_its_cache():
+    """Machine code of a folder holds that of the folders below it, and so do saved features."""
+    compiling = {
+        room for room, source in sources() if "compiled" in rooms(imports(source))
+    } - EVERYWHERE
+    needed = compiling.union(*(MAY[room] for room in compiling))
+    assert needed <= set(COMPILED_ROOMS)
 
 
 def test_a_folder_imports_only_its_own_libraries():

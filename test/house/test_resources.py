@@ -6,7 +6,12 @@ from pathlib import Path
 import pytest
 
 from star_tracker import resources
-from star_tracker.resources import cache_folder, resource_path, sources_digest
+from star_tracker.resources import (
+    COMPILED_ROOMS,
+    cache_folder,
+    resource_path,
+    sources_digest,
+)
 
 SHIPPED = (
     "package.xml", "data/hipparcos_v8.npy", "data/crossid.csv", "data/README.md",
@@ -142,11 +147,17 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch):
     assert cache_folder() is None
 
 
-def test_sources_are_named_by_what_they_hold(monkeypatch, tmp_path):
+@pytest.mark.parametrize("place", ["compiled.py", *(
+    f"{room}/deep/module.py" for room in COMPILED_ROOMS
+)])
+def test_sources_are_named_by_what_they_hold(monkeypatch, tmp_path, place):
+    monkeypatch.setattr(resources, "__file__", str(tmp_path / "resources.py"))
+    (tmp_path / "compiled.py").touch()
+    source = tmp_path / place
+    source.parent.mkdir(parents=True, exist_ok=True)
     names = set()
     for content in ("a = 1\n", "a = 2\n"):
-        (tmp_path / "module.py").write_text(content, encoding="utf-8")
-        monkeypatch.setattr(resources, "__file__", str(tmp_path / "resources.py"))
+        source.write_text(content, encoding="utf-8")
         names.add(sources_digest.__wrapped__())
     assert len(names) == 2
     assert all(len(name) == 16 for name in names)

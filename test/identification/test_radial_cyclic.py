@@ -92,8 +92,8 @@ def figure():
 
 
 @pytest.fixture(scope="module")
-def paper():
-    return FeatureDatabase.build(StarCatalog.paper())
+def paper(database):
+    return database
 
 
 # Candidates of a tiny catalogue

@@ -38,11 +38,6 @@ ARCSEC = np.pi / 180 / 3600
 
 
 @pytest.fixture(scope="module")
-def database():
-    return FeatureDatabase.build(StarCatalog.paper())
-
-
-@pytest.fixture(scope="module")
 def tracker(database):
     return StarTracker(database, CAMERA, PATIENT)
 

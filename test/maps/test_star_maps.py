@@ -6,8 +6,6 @@ import re
 import numpy as np
 import pytest
 
-from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.simulation import (
@@ -40,14 +38,8 @@ POSES = {
 
 
 @pytest.fixture(scope="module")
-def catalog():
-    return StarCatalog.paper()
-
-
-@pytest.fixture(scope="module")
-def solved(catalog):
+def solved(database):
     """The paper's maps, each with its solution."""
-    database = FeatureDatabase.build(catalog)
     patient = SolveSettings(deadline_ms=math.inf)
     return {
         number: (star_map, StarTracker(database, star_map.camera, patient).solve(star_map.xy_px))

@@ -7,7 +7,6 @@ from visualization_msgs.msg import Marker
 
 from msg_adapters.markers import markers_from_solution, star_name
 from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.labels import Identification
 from star_tracker.maps.star_map import paper_maps
@@ -19,17 +18,10 @@ MAP = paper_maps((1,))[0]
 
 
 @pytest.fixture(scope="module")
-def catalog():
-    return StarCatalog.paper()
-
-
-@pytest.fixture(scope="module")
-def markers(catalog):
-    tracker = StarTracker(
-        FeatureDatabase.build(catalog), MAP.camera, SolveSettings(deadline_ms=60_000.0)
-    )
+def markers(database):
+    tracker = StarTracker(database, MAP.camera, SolveSettings(deadline_ms=60_000.0))
     solution = tracker.solve(MAP.xy_px)
-    return markers_from_solution(solution, MAP.camera, catalog, HEADER).markers
+    return markers_from_solution(solution, MAP.camera, database.catalog, HEADER).markers
 
 
 def only(markers, namespace):

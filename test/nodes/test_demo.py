@@ -3,15 +3,12 @@
 import os
 import shutil
 import signal
-import subprocess
-import sys
-import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy", reason="rclpy is not installed")
+from processes import completed, popen
+from waiting import last_resort
 
 from msg_adapters.point_cloud import STAR_DTYPE
 from star_tracker.maps.star_map import paper_maps
@@ -19,6 +16,8 @@ from star_tracker.nodes.demo import Result, judge
 from star_tracker.resources import resource_path
 
 MAP6 = paper_maps((6,))[0]
+DEMO = ("-m", "star_tracker.nodes.demo")
+starts_nodes = pytest.mark.usefixtures("solver_compiled")
 
 
 def perfect(star_map):
@@ -65,20 +64,15 @@ def test_lost_stars_are_a_fault():
     assert judge(MAP6, short).faults[0] == "11 stars came back, not 12"
 
 
-def run_demo(*arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "star_tracker.nodes.demo", *arguments],
-        capture_output=True, text=True, timeout=180, check=False,
-    )
-
-
+@starts_nodes
 def test_the_demo_finds_all_141_stars_in_real_processes():
-    done = run_demo()
+    done = completed(*DEMO)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "8 of 8 maps right, 141 of 141 labels equal to the paper's" in done.stdout
     assert "(138 identified, 3 displaced)" in done.stdout
 
 
+@starts_nodes
 def test_the_demo_fails_where_a_label_is_made_wrong_on_purpose(tmp_path):
     folder = tmp_path / "maps"
     shutil.copytree(resource_path("data/star_maps"), folder)
@@ -86,35 +80,31 @@ def test_the_demo_fails_where_a_label_is_made_wrong_on_purpose(tmp_path):
     text = path.read_text(encoding="utf-8")
     assert ",3249," in text
     path.write_text(text.replace(",3249,", ",3248,"), encoding="utf-8")
-    done = run_demo("--folder", str(folder), "--rate-hz", "50")
+    done = completed(*DEMO, "--folder", str(folder), "--rate-hz", "50")
     assert done.returncode == 1
     assert "7 of 8 maps right, 140 of 141 labels" in done.stdout
     assert "WRONG map 4: D01 is star 3248, labelled 3249" in done.stdout
 
 
 def test_the_demo_says_in_one_line_that_a_folder_has_no_maps(tmp_path):
-    done = run_demo("--folder", str(tmp_path))
+    done = completed(*DEMO, "--folder", str(tmp_path))
     assert done.returncode == 1
     assert done.stderr.startswith(f"demo: star map {tmp_path}")
     assert len(done.stderr.splitlines()) == 1
 
 
+@starts_nodes
 def test_interrupted_demo_ends_without_a_traceback():
-    command = [sys.executable, "-u", "-m", "star_tracker.nodes.demo", "--rate-hz", "0.01"]
     # A group of its own: a terminal's Ctrl-C goes to the nodes too.
-    with subprocess.Popen(
-        command, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as demo:
-        try:
-            watchdog = threading.Timer(120.0, os.killpg, [demo.pid, signal.SIGKILL])
-            watchdog.start()
-            lines = []
-            for line in demo.stderr:
-                lines.append(line)
-                if "maps at" in line:
-                    os.killpg(demo.pid, signal.SIGINT)
-            code = demo.wait()
-        finally:
-            watchdog.cancel()
+    with (
+        popen("-u", *DEMO, "--rate-hz", "0.01", start_new_session=True) as demo,
+        last_resort(lambda: os.killpg(demo.pid, signal.SIGKILL)),
+    ):
+        lines = []
+        for line in demo.stderr:
+            lines.append(line)
+            if "maps at" in line:
+                os.killpg(demo.pid, signal.SIGINT)
+        code = demo.wait()
     assert code == 130, "".join(lines)
     assert "Traceback" not in "".join(lines)

@@ -6,6 +6,9 @@ from collections import Counter
 
 import numpy as np
 import pytest
+
+pytest.importorskip("hypothesis", reason="needs hypothesis: pip install hypothesis")
+
 from fuzz_clouds import CASES, camera_infos, clouds, few, fuzzed, garbage
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,8 +16,6 @@ from hypothesis import strategies as st
 from msg_adapters import MessageError
 from msg_adapters.camera_info import camera_from_info
 from msg_adapters.point_cloud import centroids_from_cloud
-from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
@@ -31,9 +32,8 @@ MOST_TRACKERS = 200
 
 
 @pytest.fixture(scope="module")
-def trackers():
+def trackers(database):
     """By parity: trackers for the maps of the 12 deg camera, with little time for noise."""
-    database = FeatureDatabase.build(StarCatalog.paper())
     camera = paper_maps((1,))[0].camera
     settings = SolveSettings(deadline_ms=5.0)
     return {

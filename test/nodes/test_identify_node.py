@@ -12,6 +12,7 @@ from rclpy.qos import ReliabilityPolicy
 from ros_helpers import IdentifyClient, frame_of, new_header, open_bench, stamp_ns
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, PointCloud2
+from waiting import longest_s
 
 from msg_adapters.attitude import array_from_boresight, array_from_quaternion
 from msg_adapters.camera_info import info_from_camera
@@ -282,9 +283,9 @@ def test_parameter_services_answer():
     with open_bench() as bench:
         bench.start(IdentifyNode, {"fov_deg": 15.0})
         ask = bench.probe.create_client(GetParameters, "identify_node/get_parameters")
-        assert ask.wait_for_service(timeout_sec=10)
+        assert ask.wait_for_service(timeout_sec=longest_s())
         reply = ask.call_async(GetParameters.Request(names=["fov_deg", "width_px"]))
-        bench.executor.spin_until_future_complete(reply, timeout_sec=10)
+        bench.executor.spin_until_future_complete(reply, timeout_sec=longest_s())
         values = reply.result().values
     assert (values[0].double_value, values[1].integer_value) == (15.0, 512)
 

@@ -13,14 +13,14 @@ import shlex
 import signal
 import subprocess
 import sys
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from processes import ROOT, environment, wait_for_line
+from waiting import longest_s
 
-ROOT = Path(__file__).resolve().parents[2]
-TIMEOUT_S = 60.0
+pytestmark = pytest.mark.usefixtures("solver_compiled")
 BLOCK = re.compile(
     r"^<!-- (?P<order>run|start|file|output)(?:: (?P<what>[^\n]*))? -->\n"
     r"```(?P<language>\w*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL,
@@ -71,10 +71,7 @@ class Reader:
             script = programs / name
             script.write_text(f'#!/bin/sh\nexec "{sys.executable}" {arguments} "$@"\n')
             script.chmod(0o755)
-        self._environment = {
-            **os.environ, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
-            "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
-        }
+        self._environment = environment(PATH=f"{programs}{os.pathsep}{os.environ['PATH']}")
 
     def close(self):
         self._running.close()
@@ -103,7 +100,7 @@ class Reader:
             return out.getvalue()
         return subprocess.run(
             ["sh", "-e", "-c", step.text], cwd=self.folder, env=self._environment, check=True,
-            stdout=subprocess.PIPE, text=True, timeout=TIMEOUT_S,
+            stdout=subprocess.PIPE, text=True, timeout=longest_s(),
         ).stdout
 
     def _start(self, step):
@@ -113,19 +110,13 @@ class Reader:
         )
         self._running.callback(self._end, process)
         if step.what is not None:
-            watchdog = threading.Timer(TIMEOUT_S, process.kill)
-            watchdog.start()
-            lines = []
-            while step.what not in (line := process.stderr.readline()):
-                lines.append(line)
-                assert line, f"{step.text} ended without saying {step.what!r}: {lines}"
-            watchdog.cancel()
+            wait_for_line(process, step.what)
         return ""
 
     def _end(self, process):
         """End it as Ctrl-C does, and see that it ends well."""
         process.send_signal(signal.SIGINT)
-        _, messages = process.communicate(timeout=TIMEOUT_S)
+        _, messages = process.communicate(timeout=longest_s())
         assert "Traceback" not in messages
         assert process.returncode == 0
 

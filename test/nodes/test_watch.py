@@ -1,21 +1,22 @@
 """`star_tracker watch` with real nodes: in one process, and as users start it."""
 
+import itertools
 import json
 import os
 import pty
 import signal
 import subprocess
 import sys
-import threading
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from processes import environment, popen
 from rclpy.executors import ExternalShutdownException
 from ros_helpers import frame_of, new_header, open_bench
 from sensor_msgs.msg import Imu, PointCloud2
+from waiting import last_resort, longest_s
 
 from msg_adapters.health import health_from_diagnostics
 from msg_adapters.solution import values_from_diagnostics
@@ -28,10 +29,7 @@ from star_tracker.nodes.parameters import ParameterError
 from star_tracker.nodes.watch import node as watch_module
 from star_tracker.nodes.watch.node import WatchNode
 
-ROOT = Path(__file__).resolve().parents[2]
 MAP1 = paper_maps((1,))[0]
-#: The longest that a process may take to start, to be found or to end.
-TIMEOUT_S = 30.0
 FULL_SPEED = {"parity": "mirrored", "deadline_ms": 60_000.0, "keep_up": False}
 
 
@@ -159,26 +157,20 @@ def test_a_namespace_that_cannot_be_one_is_refused():
 # ---- as a process ----------------------------------------------------------------------------
 
 
-def start(*command, **options):
-    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    return subprocess.Popen(
-        [sys.executable, "-m", *command], env={**os.environ, "PYTHONPATH": path, "COLUMNS": "80"},
-        text=True, **options,
+def start_watch(*arguments, **options):
+    return popen(
+        "-m", "star_tracker.commands.cli", "watch", *arguments,
+        **{"stdout": subprocess.PIPE, "env": environment(COLUMNS="80"), **options},
     )
 
 
-def start_watch(*arguments, **options):
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
-    return start("star_tracker.commands.cli", "watch", *arguments, **pipes)
-
-
 @pytest.fixture(scope="module")
-def namespace():
+def namespace(solver_compiled):
     """The namespace of an identify_node and a replay_node without end, two processes, at work."""
     name = f"/watch_{os.getpid()}"
     nodes = [
-        start(
-            f"star_tracker.nodes.{node}", "--ros-args", "-r", f"__ns:={name}",
+        popen(
+            "-m", f"star_tracker.nodes.{node}", "--ros-args", "-r", f"__ns:={name}",
             *(word for p in parameters for word in ("-p", p)), stderr=subprocess.DEVNULL,
         )
         for node, parameters in (
@@ -196,12 +188,12 @@ def namespace():
         for node in nodes:
             node.terminate()
         for node in nodes:
-            node.wait(timeout=TIMEOUT_S)
+            node.wait(timeout=longest_s())
 
 
 def wait_until_at_work(namespace):
     """Wait for a frame that is solved and a report that counts it."""
-    with open_bench(TIMEOUT_S) as bench:
+    with open_bench() as bench:
         solutions = bench.inbox(DiagnosticArray, f"{namespace}/solution")
         reports = bench.inbox(DiagnosticArray, "/diagnostics")
         bench.until(lambda: any(
@@ -215,12 +207,12 @@ def wait_until_at_work(namespace):
 
 
 def ended(process):
-    out, err = process.communicate(timeout=TIMEOUT_S)
+    out, err = process.communicate(timeout=longest_s())
     return process.returncode, out, err
 
 
 def test_once_prints_one_record_of_a_running_node(namespace):
-    process = start_watch("--namespace", namespace, "--once", "--json", "--timeout-s", "30")
+    process = start_watch("--namespace", namespace, "--once", "--json", "--timeout-s", "600")
     code, out, err = ended(process)
     assert (code, err) == (0, "")
     (line,) = out.splitlines()
@@ -234,19 +226,22 @@ def test_once_prints_one_record_of_a_running_node(namespace):
 
 def test_lines_end_with_ctrl_c_and_exit_code_0(namespace):
     process = start_watch("--namespace", namespace)
-    lines = [process.stdout.readline() for _ in range(10)]
+    # On a busy machine a frame is told of without what has not come in time.
+    complete = (line for line in process.stdout if line.endswith(" ms\n"))
+    lines = list(itertools.islice(complete, 10))
     for _ in range(2):  # as below launch, or where a user is impatient
         process.send_signal(signal.SIGINT)
     code, _, err = ended(process)
     assert (code, err) == (0, "")
-    assert all(" SOLVED " in line and line.endswith(" ms\n") for line in lines)
+    assert len(lines) == 10
+    assert all(" SOLVED " in line for line in lines)
 
 
 def test_a_reader_that_has_enough_ends_it_without_a_word(namespace):
     process = start_watch("--namespace", namespace, "--json")
     json.loads(process.stdout.readline())
     process.stdout.close()
-    assert process.wait(timeout=TIMEOUT_S) == cli.NO_READER
+    assert process.wait(timeout=longest_s()) == cli.NO_READER
     assert process.stderr.read() == ""
     process.stderr.close()
 
@@ -257,18 +252,14 @@ def test_screen_ends_with_ctrl_c_from_the_terminal(namespace):
         "--namespace", namespace, stdin=there, stdout=there, stderr=there, process_group=0,
     )
     os.close(there)
-    watchdog = threading.Timer(TIMEOUT_S, process.kill)
-    watchdog.start()
     shown = b""
-    try:
+    with last_resort(process.kill):
         while b"RA, Dec, roll" not in shown:
             shown += os.read(here, 65536)
         process.send_signal(signal.SIGINT)
         shown += rest_of(here)
-    finally:
-        watchdog.cancel()
-        os.close(here)
-    assert process.wait(timeout=TIMEOUT_S) == 0
+    os.close(here)
+    assert process.wait(timeout=longest_s()) == 0
     assert b"Traceback" not in shown
     # The terminal is as it was, with its cursor, and the last view stands there.
     assert b"identify_node" in shown.split(b"\x1b[?1049l")[1]

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from processes import completed, popen
+from waiting import longest_s
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.commands import cli, evaluate
@@ -529,16 +531,16 @@ def test_the_overview_is_a_small_picture(records, tmp_path):
 
 def test_json_of_the_command_in_a_process_without_ros(tmp_path, records):
     """Nothing but JSON on standard output, no progress bar where there is no terminal."""
-    script = "import sys; sys.modules['rclpy'] = None; from star_tracker import cli; cli.main()"
+    script = (
+        "import sys; sys.modules['rclpy'] = None; "
+        "from star_tracker.commands import cli; cli.main()"
+    )
     arguments = [
         "evaluate", "--config", written(tmp_path, SMALL), "--output", tmp_path / "out",
         "--jobs", "1", "--json",
     ]
-    done = subprocess.run(
-        [sys.executable, "-c", script, *arguments],
-        capture_output=True, text=True, timeout=120, check=True,
-    )
-    assert done.stderr == ""
+    done = completed("-c", script, *arguments)
+    assert (done.stderr, done.returncode) == ("", 0)
     found = json.loads(done.stdout)
     timed = {"median_cpu_ms", "p95_cpu_ms"}
     assert [{k: v for k, v in r.items() if k not in timed} for r in found] == [
@@ -568,13 +570,12 @@ def test_an_interrupted_run_says_how_to_go_on(tmp_path):
         "evaluate", "--config", written(tmp_path, changed(frames=400)), "--output",
         tmp_path / "out", "--jobs", "2",
     ]
-    with subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTED, *arguments], stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    with popen(
+        "-c", INTERRUPTED, *arguments, stdout=subprocess.PIPE, start_new_session=True
     ) as process:
         assert process.stdout.readline() == "saved\n"
         os.killpg(process.pid, signal.SIGINT)
-        _, told = process.communicate(timeout=60)
+        _, told = process.communicate(timeout=longest_s())
     assert process.returncode == 130
     assert told == (
         "star_tracker evaluate: ended; start the same command again to go on from here\n"
