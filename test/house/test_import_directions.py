@@ -139,7 +139,7 @@ def test_only_the_nodes_import_ros():
 
 
 def test_what_watch_makes_of_plain_values_needs_no_ros():
-    for name in ("model", "outputs", "record", "view"):
+    for name in ("state", "outputs", "record", "view"):
         source = PACKAGE / "nodes" / "watch" / f"{name}.py"
         assert not {top for top in tops(imports(source)) if is_ros(top)}
 
