@@ -35,7 +35,7 @@ MAY = {
 #: Libraries of a folder besides the standard library, numpy and scipy.
 LIBRARIES = {
     "compiled": {"numba"},
-    "figures": {"matplotlib"},
+    "figures": {"matplotlib", "contourpy"},
     "study": {"yaml", "joblib", "distributed", "jinja2", "matplotlib", "PIL", "numba"},
     "commands": {"rich"},
 }
