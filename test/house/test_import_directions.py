@@ -1,6 +1,7 @@
 """Which folder may import which: one row for each, read from the sources themselves."""
 
 import ast
+import re
 import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -98,6 +99,17 @@ def sources():
 
 def named(source):
     return source.relative_to(PACKAGE).as_posix()
+
+
+def test_the_page_of_the_architecture_has_the_same_rows():
+    page = (CHECKOUT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    told = {}
+    for folder, cell in re.findall(r"^\| `(\w+)` \| (.*?) \|", page, re.MULTILINE):
+        all_above = set(told) if "all above" in cell else set()
+        told[folder] = all_above | (set(re.findall(r"\w+", cell)) & set(MAY))
+    # `commands` reaches the nodes in one function only; see INSIDE_FUNCTIONS.
+    told["commands"] -= {"nodes"}
+    assert told == {folder: may - {folder} for folder, may in MAY.items()}
 
 
 def test_every_folder_has_its_row():
