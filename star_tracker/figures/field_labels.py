@@ -52,7 +52,7 @@ def label_stars(axes: Axes, symbols: Symbols, taken: Floats) -> None:
     left_out = int(np.sum(~placed.shown))
     if left_out:
         axes.annotate(
-            f"{left_out} names left out for want of room", (1, 0), (0, -19), ha="right", va="top",
+            f"{left_out} names left out: there is no room", (1, 0), (0, -19), ha="right", va="top",
             xycoords="axes fraction", textcoords="offset points", fontsize=7,
         )
 

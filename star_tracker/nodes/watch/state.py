@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from star_tracker.attitude.attitude import Attitude
+from star_tracker.geometry.rotation import rotation_matrix
 from star_tracker.geometry.spherical import Floats
 
 #: How long a frame waits for its missing messages, s: one may be lost on the way.
@@ -124,5 +124,5 @@ def attitude_from_orientation(quaternion_xyzw: Floats, covariance_rad2: Floats) 
     """
     if not 0 < np.linalg.norm(quaternion_xyzw) < np.inf:
         raise ValueError("the orientation is no rotation")
-    rotation = np.asarray(Rotation.from_quat(quaternion_xyzw).as_matrix())
+    rotation = rotation_matrix(quaternion_xyzw)
     return Attitude.from_rotation(rotation, rotation.T @ covariance_rad2 @ rotation)
