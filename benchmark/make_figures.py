@@ -21,8 +21,8 @@ from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.maps.simulation import CAMERAS, Condition
 from star_tracker.figures.pair_histogram import draw_pairs
-from star_tracker.figures.sky_map import draw_sky_map
-from star_tracker.figures.sky_survey import Survey, survey
+from star_tracker.figures.sky_map import Survey, draw_sky_map
+from star_tracker.study.sky_survey import survey
 from star_tracker.figures.style import house_style, save
 from star_tracker.catalogue.pairs import PairTable
 from star_tracker.maps.star_map import PAPER_MAPS

@@ -63,8 +63,10 @@ default_role = "literal"
 
 nitpick_ignore_regex = [
     # Documented elsewhere; a link would need the other projects' indices from the network.
-    ("py:.*", r"(numpy|scipy|matplotlib|rich|argparse|collections|pathlib|enum|subprocess)\..*"),
+    ("py:.*", r"(numpy|scipy|numba|matplotlib|rich|argparse|collections|pathlib|enum|subprocess)\..*"),
     ("py:.*", r"(rclpy|rcl_interfaces|\w+_msgs|std_srvs)\..*"),
+    # Type variables and other names of a module's own.
+    ("py:.*", r"(star_tracker|msg_adapters)\.(\w+\.)*_\w+"),
 ]
 
 #: Pages whose text stands elsewhere in the checkout.
@@ -118,9 +120,25 @@ def put_in(app, docname, source):
         source[0] = re.sub(rf"]\((\.\./)?{re.escape(path)}", f"]({page}.md", source[0])
 
 
+def list_modules(app, docname, source):
+    """Give the API page of a folder the documentation of each module in it."""
+    section, _, folder = docname.partition("/")
+    if section != "api" or folder == "index":
+        return
+    if folder == "top":
+        paths = CHECKOUT.glob("star_tracker/[!_]*.py")
+    else:
+        inside = CHECKOUT / "star_tracker" / folder
+        paths = (inside if inside.is_dir() else CHECKOUT / folder).rglob("*.py")
+    names = [".".join(path.relative_to(CHECKOUT).with_suffix("").parts) for path in paths]
+    for name in sorted(name.removesuffix(".__init__") for name in names):
+        source[0] += f"\n## {name}\n\n```{{eval-rst}}\n.. automodule:: {name}\n```\n"
+
+
 def setup(app):
     """Register what is above."""
     app.connect("autodoc-process-docstring", list_arguments)
     app.connect("autodoc-process-signature", name_factories)
     app.connect("autodoc-skip-member", skip)
     app.connect("source-read", put_in)
+    app.connect("source-read", list_modules)

@@ -209,7 +209,10 @@ def _checked(star_vectors: ArrayLike, a_px: ArrayLike, f_px: float) -> tuple[Flo
     if not np.allclose(np.linalg.norm(stars, axis=1), 1.0, rtol=0, atol=1e-9):
         raise ValueError("the star vectors are not unit vectors")
     if not (np.all(np.isfinite(a)) and np.all(a >= 0)):
-        raise ValueError("the radii must be finite numbers of pixels, 0 or more")
+        raise ValueError(
+            "the radii must be finite numbers of pixels, 0 or more: give the distance of each "
+            "star from the principal point"
+        )
     if not (np.isfinite(f_px) and f_px > 0):
         raise ValueError("the focal length must be a finite number of pixels greater than 0")
     for i, j in ((0, 1), (0, 2), (1, 2)):

@@ -195,7 +195,9 @@ class PatternTable:
         if factor not in self._levels:
             n, ring_bytes = self.settings.n_rings, -(-self.settings.n_rings // 8)
             if n % factor:
-                raise ValueError(f"{n} rings cannot be joined by {factor}")
+                raise ValueError(
+                    f"{n} rings cannot be joined by {factor}: use a factor that divides {n}"
+                )
             parts = np.split(self.packed, [ring_bytes, 2 * ring_bytes], axis=1)
             radial, companion = (
                 np.unpackbits(part, axis=1, count=n).reshape(len(part), -1, factor)

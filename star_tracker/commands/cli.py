@@ -67,8 +67,8 @@ COMMANDS = {
     "watch": Command(
         "live view of a running identify_node (needs ROS)",
         "Attitude with its errors, how the last frame ended, health and identified stars of a "
-        "running identify_node, until Ctrl-C; where standard output is no terminal, a line for "
-        "each frame.",
+        "running identify_node, until Ctrl-C. Where standard output is no terminal it needs "
+        "--once or --json.",
         "star_tracker watch --namespace /left --once",
     ),
 }

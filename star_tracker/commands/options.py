@@ -50,10 +50,23 @@ def check_positive(options: argparse.Namespace, *names: str) -> None:
             raise ValueError(f"--{name.replace('_', '-')} must be a number greater than 0")
 
 
+def json_text(record: Record, indent: int | None = None) -> str:
+    """Return a record as JSON; a number that is not finite becomes null, as JSON has none."""
+    return json.dumps(_finite(record), indent=indent, allow_nan=False)
+
+
+def _finite(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def print_result(record: Record, tables: list[Table], as_json: bool) -> None:
     """Print the record for machines or the tables for people."""
     if as_json:
-        print(json.dumps(record, indent=2, allow_nan=False))
+        print(json_text(record, indent=2))
         return
     console = Console()
     for table in tables:
@@ -61,5 +74,5 @@ def print_result(record: Record, tables: list[Table], as_json: bool) -> None:
 
 
 def cell(value: object, spec: str) -> str:
-    """Return a table cell; what is not known stays empty."""
+    """Return a table cell, empty for a value that is not known."""
     return "" if value is None else format(value, spec)

@@ -1,9 +1,10 @@
 """`star_tracker plot`: a picture of one field with its stars (paper, figures 5-10 to 5-17)."""
 
 import argparse
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+
+import numpy as np
 
 from star_tracker.catalogue.catalog import CATALOGS, StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
@@ -16,7 +17,7 @@ from star_tracker.commands.options import (
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.searcher import METHODS
 from star_tracker.maps.frame_file import read_frame
-from star_tracker.maps.star_map import paper_maps, read_star_map
+from star_tracker.maps.star_map import StarMap, paper_maps, read_star_map
 from star_tracker.optics.camera import PARITIES, Camera
 from star_tracker.solution import SolveSettings
 from star_tracker.tracker import StarTracker
@@ -25,18 +26,6 @@ from star_tracker.tracker import StarTracker
 _DEADLINE_MS = 10_000.0
 _CAMERA = ("fov_deg", "width_px", "height_px")
 _MOST_DPI = 1200.0
-
-
-@dataclass(frozen=True)
-class _Frame:
-    """What is to be solved and drawn, and the name of its picture without an ending."""
-
-    name: str
-    stem: str
-    camera: Camera
-    labels: tuple[str, ...]
-    xy_px: Floats
-    intensity: Floats | None = None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -96,15 +85,16 @@ def execute(options: argparse.Namespace) -> None:
     check_positive(options, *_CAMERA, "dpi")
     if options.dpi > _MOST_DPI:
         raise ValueError(f"--dpi must be at most {_MOST_DPI:g}")
-    frame = _frame(options)
-    output = options.output or Path(f"{frame.stem}.png")
+    frame, intensity = _frame(options)
+    stem = f"map{int(options.map)}" if options.map.isdecimal() else Path(options.map).stem
+    output = options.output or Path(f"{stem}.png")
     style.check_format(output)
     catalog = StarCatalog.named(
         options.catalog, limiting_magnitude=options.limiting_magnitude, epoch=options.epoch
     )
     settings = SolveSettings(options.method, deadline_ms=_DEADLINE_MS)
     tracker = StarTracker(FeatureDatabase.cached(catalog), frame.camera, settings)
-    solution = tracker.solve(frame.xy_px, frame.intensity)
+    solution = tracker.solve(frame.xy_px, intensity)
     view = FieldView(frame.name, frame.camera, frame.labels, frame.xy_px, solution, catalog)
     with style.house_style():
         style.save(draw_field(view), output, options.dpi)
@@ -115,34 +105,32 @@ def execute(options: argparse.Namespace) -> None:
         print(f"{output}: {view.summary}")
 
 
-def _frame(options: argparse.Namespace) -> _Frame:
+def _frame(options: argparse.Namespace) -> tuple[StarMap, Floats | None]:
     """Return map 1 to 8, a star map file, or a plain file with the camera that the options tell.
 
-    Raises ValueError for a file that cannot be read, and a camera given twice or not at all.
+    The second value is the brightness (n,), where the file has it. Raises ValueError for a file
+    that cannot be read, and a camera given twice or not at all.
     """
     given = [name for name in (*_CAMERA, "parity") if getattr(options, name) is not None]
+    path = Path(options.map)
     if options.map.isdecimal():
         (star_map,) = paper_maps((int(options.map),))
-        stem = f"map{int(options.map)}"
-    elif given:
-        return _plain_frame(Path(options.map), options)
-    else:
-        path = Path(options.map)
-        stem = path.stem
-        try:
-            star_map = read_star_map(path)
-        except ValueError as error:
-            if not path.is_file():
-                raise
-            raise ValueError(
-                f"{error}; a plain file of x,y needs --fov-deg, --width-px and --height-px"
-            ) from error
+        if given:
+            raise ValueError(f"{star_map.name} has its own camera: leave out {_option(given[0])}")
+        return star_map, None
     if given:
-        raise ValueError(f"{star_map.name} has its own camera: leave out {_option(given[0])}")
-    return _Frame(star_map.name, stem, star_map.camera, star_map.labels, star_map.xy_px)
+        return _plain_frame(path, options)
+    try:
+        return read_star_map(path), None
+    except ValueError as error:
+        if not path.is_file():
+            raise
+        raise ValueError(
+            f"{error}; a plain file of x,y needs --fov-deg, --width-px and --height-px"
+        ) from error
 
 
-def _plain_frame(path: Path, options: argparse.Namespace) -> _Frame:
+def _plain_frame(path: Path, options: argparse.Namespace) -> tuple[StarMap, Floats | None]:
     for name in _CAMERA:
         if getattr(options, name) is None:
             raise ValueError(f"the camera of {path.name} is not known: give {_option(name)}")
@@ -150,8 +138,9 @@ def _plain_frame(path: Path, options: argparse.Namespace) -> _Frame:
         options.fov_deg, options.width_px, options.height_px, parity=options.parity or "auto"
     )
     xy_px, intensity = read_frame(path)
-    labels = tuple(str(i + 1) for i in range(len(xy_px)))
-    return _Frame(path.name, path.stem, camera, labels, xy_px, intensity)
+    n = len(xy_px)
+    labels = tuple(str(i + 1) for i in range(n))
+    return StarMap(path.name, camera, labels, xy_px, np.zeros(n, int), np.zeros(n)), intensity
 
 
 def _option(name: str) -> str:

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--stars", metavar="N", type=int, default=20,
-        help="most stars to list, as the screen has room; JSON has all (%(default)s)",
+        help="most stars to list; JSON has all (%(default)s)",
     )
     parser.add_argument(
         "--timeout-s", metavar="S", type=float, default=10.0,
@@ -35,17 +35,11 @@ def execute(options: argparse.Namespace) -> None:
     """Watch. Raises ValueError where ROS is missing or nothing is heard in time."""
     check_positive(options, "stars", "timeout_s")
     try:
-        _watch(options)
-    except KeyboardInterrupt:
-        return  # before there was a node, which ends with exit code 0 too
-
-
-def _watch(options: argparse.Namespace) -> None:
-    try:
         # Here, as all other commands work without ROS.
-        from star_tracker.nodes.watch import node as watch  # noqa: PLC0415
-        from star_tracker.nodes.watch import outputs as watch_outputs  # noqa: PLC0415
-        from star_tracker.nodes.watch import record as watch_record  # noqa: PLC0415
+        from star_tracker.nodes.watch.node import watch  # noqa: PLC0415
+        from star_tracker.nodes.watch.outputs import Once, print_lines, screen  # noqa: PLC0415
+        from star_tracker.nodes.watch.record import json_line  # noqa: PLC0415
+        from star_tracker.nodes.watch.view import view_of  # noqa: PLC0415
     except ImportError as error:
         raise ValueError(
             f"this command needs ROS 2, which cannot be imported ({error}): source ROS 2 Jazzy, "
@@ -53,25 +47,22 @@ def _watch(options: argparse.Namespace) -> None:
         ) from error
     console = Console()
     if options.once:
-        once = watch_outputs.Once(console, options.stars, options.json, options.timeout_s)
-        code, elsewhere = watch.watch(once, options.namespace)
+        once = Once(
+            lambda watched, now_s: print(json_line(watched, watched.frame)) if options.json
+            else console.print(view_of(watched, now_s, options.stars)), options.timeout_s,
+        )
+        code = watch(once, options.namespace)
         if once.silent:
-            raise ValueError(_nothing_heard(options, elsewhere))
+            raise ValueError(
+                f"nothing heard of an identify_node in namespace {options.namespace} within "
+                f"{options.timeout_s:g} s: start one, or give its --namespace and ROS_DOMAIN_ID"
+            )
     elif options.json:
-        code, _ = watch.watch(watch_outputs.Lines(watch_record.json_line), options.namespace)
+        code = watch(print_lines, options.namespace)
     elif console.is_terminal:
-        with watch_outputs.Screen(console, options.stars) as screen:
-            code, _ = watch.watch(screen, options.namespace)
+        with screen(console, options.stars) as draw:
+            code = watch(draw, options.namespace)
     else:
-        code, _ = watch.watch(watch_outputs.Lines(watch_record.plain_line), options.namespace)
+        raise ValueError("standard output is no terminal: add --once or --json")
     if code:
         sys.exit(code)
-
-
-def _nothing_heard(options: argparse.Namespace, elsewhere: list[str]) -> str:
-    found = " or ".join(f"--namespace {namespace}" for namespace in elsewhere)
-    remedy = f"there is one with {found}" if found else "start one, and mind ROS_DOMAIN_ID"
-    return (
-        f"nothing heard of an identify_node in namespace {options.namespace} within "
-        f"{options.timeout_s:g} s: {remedy}"
-    )

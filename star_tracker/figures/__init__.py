@@ -1,1 +1,1 @@
-"""Pictures: the only room of the core that imports matplotlib (extra `plot`)."""
+"""Pictures of fields and of the sky. They need matplotlib (extra `plot`)."""

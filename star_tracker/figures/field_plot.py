@@ -31,9 +31,7 @@ def draw_field(view: FieldView) -> Figure:
     width, height = view.camera.width_px, view.camera.height_px
     inch_per_px = _LONG_SIDE / max(width, height)
     wide, high = width * inch_per_px, height * inch_per_px
-    size = (
-        max(_LEFT + wide + _GAP + _SIDE, _NARROWEST), max(_BOTTOM + high + _TOP, _LOWEST)
-    )
+    size = max(_LEFT + wide + _GAP + _SIDE, _NARROWEST), max(_BOTTOM + high + _TOP, _LOWEST)
     figure = new_figure(*size, dpi=_DPI)
     low = size[1] - _TOP - high
     axes = figure.add_axes((_LEFT / size[0], low / size[1], wide / size[0], high / size[1]))
@@ -43,19 +41,19 @@ def draw_field(view: FieldView) -> Figure:
     if view.rotation is not None:
         taken = draw_grid(axes, view.optics, view.rotation, symbols.boxes(axes))
     symbols.draw(axes)
-    label_stars(axes, view, symbols, taken)
-    _write_title(figure, view, _LEFT)
+    label_stars(axes, symbols, taken)
+    _write_title(figure, view)
     side = (_LEFT + wide + _GAP) / size[0]
-    draw_side_panel(figure, (side, 1 - _TOP / size[1]), inch_per_px, view, symbols)
+    draw_side_panel(figure, (side, 1 - _TOP / size[1]), inch_per_px, symbols)
     return figure
 
 
 def _prepare(axes: Axes, view: FieldView) -> None:
     """Give the axes the image's borders."""
     camera = view.optics
-    axes.set_xlim(0, camera.width_px)
-    upwards = camera.parity == "mirrored"
-    axes.set_ylim(*((0, camera.height_px) if upwards else (camera.height_px, 0)))
+    up = camera.parity == "mirrored"
+    axes.set(xlim=(0, camera.width_px))
+    axes.set_ylim(*((0, camera.height_px) if up else (camera.height_px, 0)))
     axes.set_xlabel("x, px", labelpad=1)
     axes.set_ylabel("y, px", labelpad=1)
     axes.tick_params(labelsize=7, length=3)
@@ -65,14 +63,14 @@ def _prepare(axes: Axes, view: FieldView) -> None:
             label.set_path_effects(list(HALO))
 
 
-def _write_title(figure: Figure, view: FieldView, left_in: float) -> None:
+def _write_title(figure: Figure, view: FieldView) -> None:
     """Write how the frame ended, in bold, and below it where the camera points."""
     wide, high = figure.get_size_inches()
-    width = int((wide - left_in) * _PER_INCH)
+    width = int((wide - _LEFT) * _PER_INCH)
     head = textwrap.wrap(f"{view.name}: {view.summary}", width, max_lines=3)
     for lines, above, weight in ((head, 0, "bold"), (_pose_and_field(view), len(head), "normal")):
         figure.text(
-            left_in / wide, 1 - (0.09 + 0.16 * above) / high, "\n".join(lines), va="top",
+            _LEFT / wide, 1 - (0.09 + 0.16 * above) / high, "\n".join(lines), va="top",
             linespacing=1.4, fontsize=8, weight=weight,
         )
 
@@ -84,11 +82,10 @@ def _pose_and_field(view: FieldView) -> list[str]:
         f"field {camera.fov_deg:.4g}° × {high_deg:.4g}°, "
         f"{camera.width_px} × {camera.height_px} px, parity {solution.parity or 'unknown'}"
     )
-    attitude = solution.attitude
-    if attitude is None:
+    boresight = view.boresight_deg
+    if boresight is None:
         return [field]
-    ra, dec, roll = np.degrees((attitude.ra_rad, attitude.dec_rad, attitude.roll_rad))
-    pose = f"boresight α {ra:.4f}°, δ {dec:+.4f}°, roll {roll:.4f}°".replace("-", "−")
+    pose = "boresight α {:.4f}°, δ {:+.4f}°, roll {:.4f}°".format(*boresight).replace("-", "−")
     # A probability of 0 is one too small for a number.
     wrong = f"{solution.wrong_probability:.1g}" if solution.wrong_probability else "< 1e-300"
     return [

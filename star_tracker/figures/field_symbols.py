@@ -21,24 +21,25 @@ from star_tracker.identification.labels import StarState
 GUIDE: Looks = {
     "marker": "o", "markerfacecolor": "0.75", "markeredgecolor": "0.45", "linestyle": "",
 }
-MISSING: Looks = {
-    "marker": "o", "markerfacecolor": "white", "markeredgecolor": "0.1", "linestyle": "",
-}
-DOT: Looks = {"marker": ".", "color": "black", "markersize": 3.0, "linestyle": ""}
-RING: Looks = {
-    "marker": "o", "markerfacecolor": "none", "markeredgecolor": BLUE, "markeredgewidth": 1.3,
-    "markersize": 12.0, "linestyle": "",
-}
-DIAMOND: Looks = {
-    "marker": "D", "markerfacecolor": "none", "markeredgecolor": VERMILION,
-    "markeredgewidth": 1.5, "markersize": 10.0, "linestyle": "",
-}
-CROSS: Looks = {
-    "marker": "x", "color": "black", "markeredgewidth": 1.4, "markersize": 6.0, "linestyle": "",
-}
+MISSING: Looks = {**GUIDE, "markerfacecolor": "white", "markeredgecolor": "0.1"}
 BORESIGHT: Looks = {"marker": "+", "color": "0.4", "markersize": 9.0, "linestyle": ""}
-#: Half the size of the box that a symbol takes, points.
-_REACH = {StarState.UNIDENTIFIED: 4.0, StarState.IDENTIFIED: 7.0, StarState.DISPLACED: 8.0}
+_DOT: Looks = {"marker": ".", "color": "black", "markersize": 3.0, "linestyle": ""}
+CENTROIDS: dict[StarState, Looks] = {
+    StarState.IDENTIFIED: {
+        "marker": "o", "markerfacecolor": "none", "markeredgecolor": BLUE, "markeredgewidth": 1.3,
+        "markersize": 12.0, "linestyle": "",
+    },
+    StarState.DISPLACED: {
+        "marker": "D", "markerfacecolor": "none", "markeredgecolor": VERMILION,
+        "markeredgewidth": 1.5, "markersize": 10.0, "linestyle": "",
+    },
+    StarState.UNIDENTIFIED: {
+        "marker": "x", "color": "black", "markeredgewidth": 1.4, "markersize": 6.0,
+        "linestyle": "",
+    },
+}
+#: Half the size of the box that a symbol takes, points, by state; that of a point of an arrow.
+_REACH_PT, _ARROW_PT = np.array([4.0, 7.0, 8.0]), 1.5
 #: The largest residual is drawn about this long, in widths of the image.
 _LONGEST = 0.07
 #: More stars than this are drawn smaller, but not below a share of the size.
@@ -63,7 +64,8 @@ class Symbols:
     @classmethod
     def of(cls, view: FieldView) -> "Symbols":
         """Choose the scale of the residuals and the size of the symbols."""
-        largest = float(np.max(np.hypot(*residuals_px(view).T), initial=0.0))
+        _, residuals = view.arrows(StarState.IDENTIFIED)
+        largest = float(np.max(np.hypot(*residuals.T), initial=0.0))
         scale = 0.0
         if largest > 0:
             scale = max(1.0, round_down(_LONGEST * view.camera.width_px / largest))
@@ -80,82 +82,56 @@ class Symbols:
         size = _SMALLEST_PT + _PT_PER_MAGNITUDE * (faintest - v_mag)
         return np.asarray(np.clip(size, _SMALLEST_PT, _LARGEST_PT) * self.size)
 
+    def reach_pt(self, centroids: NDArray[np.intp]) -> Floats:
+        """Return how far the symbols of some centroids (k,) reach, points."""
+        state = self.view.solution.identification.state[centroids]
+        return np.asarray(_REACH_PT[state] * self.size)
+
     def draw(self, axes: Axes) -> None:
         """Draw all stars."""
         view = self.view
         axes.plot(view.optics.cx_px, view.optics.cy_px, zorder=1.5, **BORESIGHT)
-        self._draw_guide_stars(axes)
-        for state, style in (
-            (StarState.IDENTIFIED, RING), (StarState.DISPLACED, DIAMOND),
-            (StarState.UNIDENTIFIED, CROSS),
-        ):
+        index, places = view.guide_stars
+        sizes = self.disc_pt(view.catalog.v_mag[index])
+        for place, size, missing in zip(places, sizes, view.missing, strict=True):
+            looks = MISSING if missing else GUIDE
+            axes.plot(*place, markersize=size, zorder=2, clip_on=False, **looks)
+        for state, looks in CENTROIDS.items():
             which = np.intersect1d(view.of_state(state), view.drawn)
-            axes.plot(*view.xy_px[which].T, zorder=3, clip_on=False, **self.scaled(style))
+            axes.plot(*view.xy_px[which].T, zorder=3, clip_on=False, **self.scaled(looks))
         named = view.xy_px[view.solution.identification.state > 0]
-        axes.plot(*named.T, zorder=4, clip_on=False, **self.scaled(DOT))
-        for i in view.of_state(StarState.DISPLACED):
+        axes.plot(*named.T, zorder=4, clip_on=False, **self.scaled(_DOT))
+        for start, step in zip(*view.arrows(StarState.DISPLACED), strict=True):
             axes.annotate(
-                "", view.xy_px[i], view.predicted_px[i], zorder=5, annotation_clip=False,
+                "", start + step, start, zorder=5, annotation_clip=False,
                 arrowprops={
                     "arrowstyle": "-|>", "color": VERMILION, "shrinkA": 0, "shrinkB": 0,
                     "mutation_scale": 6, "linewidth": 1.2,
                 },
             )
-        self.draw_residuals(axes, view.predicted_px[view.of_state(StarState.IDENTIFIED)],
-                            residuals_px(view))
-
-    def draw_residuals(self, axes: Axes, start_px: Floats, residual_px: Floats) -> None:
-        """Draw residuals (k, 2), exaggerated, from where the stars should be."""
-        if self.residual_scale == 0:
-            return
-        axes.quiver(
-            *start_px.T, *(residual_px * self.residual_scale).T, angles="xy", scale_units="xy",
-            scale=1, units="inches", width=0.016, headwidth=4, headlength=5, headaxislength=4.5,
-            minlength=0, minshaft=1, color="black", zorder=5,
-            clip_on=False,
-        )
-
-    def _draw_guide_stars(self, axes: Axes) -> None:
-        index, places = self.view.guide_stars
-        sizes = self.disc_pt(self.view.catalog.v_mag[index])
-        for (x, y), size, missing in zip(places, sizes, self.view.missing, strict=True):
-            looks = MISSING if missing else GUIDE
-            axes.plot(x, y, markersize=size, zorder=2, clip_on=False, **looks)
-
-    def reach_pt(self, centroids: NDArray[np.intp]) -> Floats:
-        """Return how far the symbols of some centroids (k,) reach, points."""
-        states = self.view.solution.identification.state[centroids]
-        return np.array([_REACH[StarState(state)] * self.size for state in states])
+        if self.residual_scale > 0:
+            start, step = view.arrows(StarState.IDENTIFIED)
+            axes.quiver(
+                *start.T, *(step * self.residual_scale).T, angles="xy", scale_units="xy", scale=1,
+                units="inches", width=0.016, headwidth=4, headlength=5, headaxislength=4.5,
+                minlength=0, minshaft=1, color="black", zorder=5, clip_on=False,
+            )
 
     def boxes(self, axes: Axes) -> Floats:
         """Return the boxes (k, 4) of all symbols in display units, for labels to keep clear of."""
-        places, half_pt = self._covered_px()
-        at = axes.transData.transform(places)
-        half = half_pt[:, None] * axes.figure.dpi / 72
-        return np.hstack([at - half, at + half])
-
-    def _covered_px(self) -> tuple[Floats, Floats]:
-        """Return places (k, 2), px, and half sizes (k,), points, of symbols and arrows."""
         view = self.view
         index, places = view.guide_stars
-        discs = self.disc_pt(view.catalog.v_mag[index]) / 2
-        moved = view.of_state(StarState.DISPLACED)
-        along = [
-            _along(view.predicted_px[moved], view.xy_px[moved] - view.predicted_px[moved]),
-            _along(view.predicted_px[view.of_state(StarState.IDENTIFIED)],
-                   residuals_px(view) * self.residual_scale),
-        ]
-        arrows, shown = np.concatenate(along), view.drawn
-        return (
-            np.concatenate([view.xy_px[shown], places, arrows]),
-            np.concatenate([self.reach_pt(shown), discs, np.full(len(arrows), 1.5)]),
-        )
-
-
-def residuals_px(view: FieldView) -> Floats:
-    """Return observed minus predicted place of the identified stars (k, 2), px."""
-    which = view.of_state(StarState.IDENTIFIED)
-    return np.asarray(view.xy_px[which] - view.predicted_px[which])
+        arrows = np.concatenate([
+            _along(*view.arrows(StarState.DISPLACED)),
+            _along(*view.arrows(StarState.IDENTIFIED), self.residual_scale),
+        ])
+        at = axes.transData.transform(np.concatenate([view.xy_px[view.drawn], places, arrows]))
+        half_pt = np.concatenate([
+            self.reach_pt(view.drawn), self.disc_pt(view.catalog.v_mag[index]) / 2,
+            np.full(len(arrows), _ARROW_PT),
+        ])
+        half = half_pt[:, None] * axes.figure.dpi / 72
+        return np.hstack([at - half, at + half])
 
 
 def round_down(value: float) -> float:
@@ -164,7 +140,7 @@ def round_down(value: float) -> float:
     return float(max(digit for digit in (1, 2, 5) if digit * power <= value * (1 + 1e-9)) * power)
 
 
-def _along(start: Floats, step: Floats) -> Floats:
-    """Return points (k, 2) along arrows from `start` (m, 2) by `step` (m, 2)."""
-    share = np.linspace(0, 1, 7)[:, None, None]
+def _along(start: Floats, step: Floats, scale: float = 1.0) -> Floats:
+    """Return points (k, 2) along arrows from `start` (m, 2) by `step` (m, 2) times a scale."""
+    share = np.linspace(0, scale, 7)[:, None, None]
     return np.asarray((start + share * step).reshape(-1, 2))

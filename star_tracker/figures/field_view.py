@@ -62,6 +62,14 @@ class FieldView:
         """Which of `guide_stars` (m,) no centroid was labelled with."""
         return ~np.isin(self.guide_stars[0], self.solution.identification.catalog_index)
 
+    @property
+    def boresight_deg(self) -> Floats | None:
+        """Right ascension, declination and roll (3,); None where the frame is unsolved."""
+        attitude = self.solution.attitude
+        if attitude is None:
+            return None
+        return np.degrees([attitude.ra_rad, attitude.dec_rad, attitude.roll_rad])
+
     @cached_property
     def predicted_px(self) -> Floats:
         """Where each centroid's guide star should be (n, 2), NaN for those without one."""
@@ -72,6 +80,12 @@ class FieldView:
             directions = self.catalog.vectors[index[named]] @ self.rotation
             places[named] = self.optics.pixels(directions)
         return places
+
+    def arrows(self, state: StarState) -> tuple[Floats, Floats]:
+        """Return where the stars of a state should be (k, 2) and how far off they are (k, 2)."""
+        which = self.of_state(state)
+        start = self.predicted_px[which]
+        return start, self.xy_px[which] - start
 
     @cached_property
     def drawn(self) -> NDArray[np.intp]:
@@ -103,18 +117,20 @@ class FieldView:
 
     def record(self) -> dict[str, object]:
         """Return what the picture shows as plain values, units in the names."""
-        solution = self.solution
+        solution, camera, boresight = self.solution, self.camera, self.boresight_deg
         index, places = self.guide_stars
+        names = ("ra_deg", "dec_deg", "roll_deg")
         return {
             "status": solution.status.value, "reason": solution.reason,
             "method": solution.method, "parity": solution.parity,
             "catalog": self.catalog.description,
             "camera": {
-                "fov_deg": self.camera.fov_deg, "width_px": self.camera.width_px,
-                "height_px": self.camera.height_px, "parity": self.camera.parity,
+                name: getattr(camera, name)
+                for name in ("fov_deg", "width_px", "height_px", "parity")
             },
-            "boresight": self._boresight(),
-            "rms_px": _number(solution.rms_px), "wrong_probability": solution.wrong_probability,
+            "boresight": boresight if boresight is None
+            else dict(zip(names, boresight.tolist(), strict=True)),
+            "rms_px": solution.rms_px, "wrong_probability": solution.wrong_probability,
             "ignored": solution.n_ignored,
             **{state.name.lower(): len(self.of_state(state)) for state in StarState},
             "missing": int(self.missing.sum()),
@@ -125,23 +141,14 @@ class FieldView:
             ],
         }
 
-    def _boresight(self) -> dict[str, float] | None:
-        attitude = self.solution.attitude
-        if attitude is None:
-            return None
-        angles = (attitude.ra_rad, attitude.dec_rad, attitude.roll_rad)
-        names = ("ra_deg", "dec_deg", "roll_deg")
-        return dict(zip(names, np.degrees(angles).tolist(), strict=True))
-
     def _star(self, i: int) -> dict[str, object]:
         found = self.solution.identification
-        index = int(found.catalog_index[i])
-        (x, y), (predicted_x, predicted_y) = self.xy_px[i], self.predicted_px[i]
+        names = ("x_px", "y_px", "predicted_x_px", "predicted_y_px", "residual_px")
+        values = [*self.xy_px[i], *self.predicted_px[i], found.residual_px[i]]
         return {
-            "label": self.labels[i], "x_px": float(x), "y_px": float(y),
-            "state": StarState(found.state[i]).name.lower(), **self._guide_star(index),
-            "predicted_x_px": _number(predicted_x), "predicted_y_px": _number(predicted_y),
-            "residual_px": _number(found.residual_px[i]),
+            "label": self.labels[i], "state": StarState(found.state[i]).name.lower(),
+            **self._guide_star(int(found.catalog_index[i])),
+            **dict(zip(names, map(float, values), strict=True)),
         }
 
     def _guide_star(self, index: int) -> dict[str, object]:
@@ -153,8 +160,3 @@ class FieldView:
             "hip": int(catalog.hip[index]) or None,
             "v_mag": round(float(catalog.v_mag[index]), 2),
         }
-
-
-def _number(value: float) -> float | None:
-    """Return a number, None for what is not one: JSON has no NaN."""
-    return float(value) if np.isfinite(value) else None

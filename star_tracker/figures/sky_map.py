@@ -1,11 +1,13 @@
 """Maps of the whole sky: where fields are solved, and how many guide stars they have."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from star_tracker.figures.sky_grid import degrees_text
-from star_tracker.figures.sky_survey import Survey
 from star_tracker.figures.style import HALO, SEQUENTIAL, new_figure
 from star_tracker.geometry.spherical import Floats, ra_dec, tangent_basis, unit_vectors
 
@@ -15,6 +17,32 @@ _GALACTIC_POLE_DEG = (192.85948, 27.12825)
 _CELLS = 480, 240
 _RA_LABELS_DEG = (60, 120, 180, 240, 300)
 _DEC_LABELS_DEG = (-60, -30, 0, 30, 60)
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What became of the frames of fields all over the sky.
+
+    Attributes:
+        boresights: (n, 3) unit vectors, ICRS.
+        frames: how many frames, at random rolls, each field was given.
+        guide_stars: (n,) mean number of guide stars in the image.
+        possible: (n,) frames that showed enough stars, four, to be solved at all.
+        right: (n,) frames whose attitude was found.
+        wrong: (n,) frames that were solved with a wrong attitude.
+    """
+
+    boresights: Floats
+    frames: int
+    guide_stars: Floats
+    possible: NDArray[np.int64]
+    right: NDArray[np.int64]
+    wrong: NDArray[np.int64]
+
+    @property
+    def rate_percent(self) -> Floats:
+        """Share of frames (n,) whose attitude was found."""
+        return np.asarray(100.0 * self.right / self.frames)
 
 
 def draw_sky_map(found: Survey, title: str) -> Figure:

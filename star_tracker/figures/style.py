@@ -21,6 +21,8 @@ from star_tracker.geometry.spherical import Floats
 BLUE, VERMILION = "#0072B2", "#D55E00"
 #: The sequential colour map: its lightness grows steadily, for colour-blind eyes and in grey.
 SEQUENTIAL = "cividis"
+#: Makes the names inside of an SVG file the same in each run: matplotlib's `svg.hashsalt`.
+SVG_SALT = "star_tracker"
 #: Arguments of matplotlib that give a symbol its looks.
 Looks = dict[str, Any]
 #: Around text that lies on something: text can be read on any ground.
@@ -35,7 +37,7 @@ _SETTINGS = {
     "font.size": 8.0,
     "axes.titlesize": 9.0,
     "axes.linewidth": 0.8,
-    "svg.hashsalt": "star_tracker",
+    "svg.hashsalt": SVG_SALT,
     "path.simplify": False,
     # A name with dollar signs in it is no formula.
     "text.parse_math": False,

@@ -305,7 +305,7 @@ def test_equal_stars_are_refused(method):
 @pytest.mark.parametrize("bad", [-1.0, math.nan, math.inf])
 def test_impossible_radii_are_refused(method, bad):
     stars, a, f, _ = exact_field(5)
-    with pytest.raises(ValueError, match=r"^the radii must be finite numbers"):
+    with pytest.raises(ValueError, match=r"0 or more: give the distance of each star from"):
         method(stars, [a[0], bad, a[2]], f)
 
 

@@ -343,7 +343,8 @@ def test_a_level_is_built_once(table):
 
 @pytest.mark.parametrize("factor", [7, 9, 240])
 def test_a_factor_that_does_not_divide_the_rings_is_refused(table, factor):
-    with pytest.raises(ValueError, match=f"^120 rings cannot be joined by {factor}$"):
+    text = f"120 rings cannot be joined by {factor}: use a factor that divides 120"
+    with pytest.raises(ValueError, match=f"^{text}$"):
         table.level(factor)
 
 

@@ -20,12 +20,11 @@ from star_tracker.figures.field_view import FieldView
 from star_tracker.figures.pair_histogram import draw_pairs, pairs_per_bin
 from star_tracker.figures.placement import overlap_area, place_labels
 from star_tracker.figures.sky_grid import grid_lines
-from star_tracker.figures.sky_map import draw_sky_map
-from star_tracker.figures.sky_survey import fibonacci_lattice, survey
+from star_tracker.figures.sky_map import Survey, draw_sky_map
 from star_tracker.figures.style import house_style, text_box
-from star_tracker.geometry.spherical import ra_dec, separation
+from star_tracker.geometry.spherical import ra_dec, unit_vectors
 from star_tracker.maps.frame_file import read_frame
-from star_tracker.maps.simulation import Condition, synthetic_field, uniform_noise
+from star_tracker.maps.simulation import synthetic_field, uniform_noise
 from star_tracker.maps.star_map import Pose, paper_maps
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings
@@ -357,13 +356,13 @@ def test_grid_lines_lie_where_the_sky_has_them():
     lines = grid_lines(camera, rotation)
     assert {line.is_ra for line in lines} == {True, False}
     for line in lines:
-        xy = line.xy_px[np.isfinite(line.xy_px).all(axis=1)]
+        xy = np.concatenate(line.paths)
         ra, dec = np.degrees(ra_dec(camera.vectors(xy) @ rotation.T))
         value = float(line.label[2:-1].replace("−", "-"))
         if line.is_ra:
-            np.testing.assert_allclose((ra - value + 180) % 360 - 180, 0, atol=1e-6)
+            np.testing.assert_allclose((ra - value + 180) % 360 - 180, 0, atol=1e-3)
         else:
-            np.testing.assert_allclose(dec, value, atol=1e-6)
+            np.testing.assert_allclose(dec, value, atol=1e-3)
 
 
 @pytest.mark.parametrize("dec_deg", [89.0, -90.0])
@@ -374,48 +373,15 @@ def test_around_a_pole_every_parallel_is_labelled_once(dec_deg):
     assert sum(line.is_ra for line in lines) >= 8
 
 
-@pytest.mark.parametrize("n", [1, 2, 500, 2501])
-def test_the_lattice_is_even(n):
-    """Its points are unit vectors whose mean vanishes, and none is far nearer than its share."""
-    points = fibonacci_lattice(n)
-    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1, atol=1e-12)
-    if n < 500:
-        return
-    assert np.linalg.norm(points.mean(axis=0)) < 2 / n
-    nearest = np.sort(separation(points[:, None][::50], points[None]), axis=1)[:, 1]
-    spacing = np.sqrt(4 * np.pi / n)
-    assert nearest.min() > 0.8 * spacing
-    assert nearest.max() < 1.2 * spacing
-    # As many in each octant as its share.
-    octant = (points > 0) @ [1, 2, 4]
-    assert np.bincount(octant, minlength=8) == pytest.approx(n / 8, abs=0.03 * n)
-
-
-def test_a_lattice_without_points_is_refused():
-    with pytest.raises(ValueError, match="at least one point"):
-        fibonacci_lattice(0)
-
-
-def test_the_survey_counts_frames(database):
-    tracker = StarTracker(database, Camera.from_fov(12, 512, 512))
-    clean = survey(tracker, Condition("clean", 0.0), 40, 2, 7)
-    bare = survey(tracker, Condition("bare", 0.0, missing=1.0), 40, 2, 7)
-    again = survey(tracker, Condition("clean", 0.0), 40, 2, 7)
-    assert clean.boresights.shape == (40, 3)
-    assert np.all(clean.right <= clean.possible)
-    assert np.all(clean.possible <= 2)
-    assert clean.rate_percent.mean() > 95
-    assert not clean.wrong.any()
-    assert not bare.right.any()
-    assert not bare.possible.any()
-    np.testing.assert_array_equal(clean.right, again.right)
-    # 4908 stars over the whole sky, 144 square degrees of it in a field.
-    share = 4908 * 144 / (4 * np.pi * np.degrees(1) ** 2)
-    assert clean.guide_stars.mean() == pytest.approx(share, rel=0.1)
+def test_a_sky_map_shows_its_title_and_both_scales():
+    boresights = unit_vectors(np.radians([0.0, 120.0, 240.0]), np.radians([-60.0, 0.0, 60.0]))
+    counts = np.array([2, 1, 0])
+    found = Survey(boresights, 2, np.array([3.0, 4.0, 5.0]), counts, counts, 0 * counts)
+    assert found.rate_percent.tolist() == [100.0, 50.0, 0.0]
     with house_style():
-        text = texts_of(draw_sky_map(clean, "a title"))
-    assert "a title" in text
-    assert "guide stars in the field" in text
+        text = texts_of(draw_sky_map(found, "a title"))
+    for part in ("a title", "guide stars in the field", "frames solved rightly, %"):
+        assert part in text
 
 
 def test_pairs_are_as_many_as_in_the_paper(database):

@@ -1,6 +1,7 @@
 """Which folder may import which: one row for each, read from the sources themselves."""
 
 import ast
+import re
 import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -37,7 +38,7 @@ MAY = {
 #: Libraries of a folder besides the standard library, numpy and scipy.
 LIBRARIES = {
     "compiled": {"numba"},
-    "figures": {"matplotlib"},
+    "figures": {"matplotlib", "contourpy"},
     "study": {"yaml", "joblib", "distributed", "jinja2", "matplotlib", "PIL", "numba"},
     "commands": {"rich"},
 }
@@ -102,6 +103,17 @@ def named(source):
     return source.relative_to(PACKAGE).as_posix()
 
 
+def test_the_page_of_the_architecture_has_the_same_rows():
+    page = (CHECKOUT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    told = {}
+    for folder, cell in re.findall(r"^\| `(\w+)` \| (.*?) \|", page, re.MULTILINE):
+        all_above = set(told) if "all above" in cell else set()
+        told[folder] = all_above | (set(re.findall(r"\w+", cell)) & set(MAY))
+    # `commands` reaches the nodes in one function only; see INSIDE_FUNCTIONS.
+    told["commands"] -= {"nodes"}
+    assert told == {folder: may - {folder} for folder, may in MAY.items()}
+
+
 def test_every_folder_has_its_row():
     assert {room for room, _ in sources()} <= set(MAY) | EVERYWHERE
 
@@ -150,7 +162,7 @@ def test_only_the_nodes_import_ros():
 
 
 def test_what_watch_makes_of_plain_values_needs_no_ros():
-    for name in ("model", "outputs", "record", "view"):
+    for name in ("state", "outputs", "record", "view"):
         source = PACKAGE / "nodes" / "watch" / f"{name}.py"
         assert not {top for top in tops(imports(source)) if is_ros(top)}
 

@@ -1,108 +1,64 @@
-"""Where the view of a node goes: a live screen, lines, or one view and the end. No ROS here."""
+"""Where the view of a node goes: a live screen, lines of JSON, or one view and the end."""
 
-import math
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rich.console import Console
 from rich.live import Live
 
-from star_tracker.nodes.watch.model import Frame, Watched
 from star_tracker.nodes.watch.record import json_line
-from star_tracker.nodes.watch.view import View
+from star_tracker.nodes.watch.state import Frame, Watched
+from star_tracker.nodes.watch.view import view_of
+
+#: Called several times a second with the state, the frames that are new in it, and the time in
+#: seconds. Returns whether to go on.
+Output = Callable[[Watched, list[Frame], float], bool]
 
 
-class Output(Protocol):
-    """What is told of the node that is watched."""
-
-    def frame(self, watched: Watched, frame: Frame) -> None:
-        """Take note of a frame; each comes once."""
-
-    def look(self, watched: Watched, now_s: float) -> bool:
-        """Called several times a second. Return whether to go on."""
+def print_lines(watched: Watched, frames: list[Frame], _: float) -> bool:
+    """Print a line of JSON for each frame, at once also into a pipe."""
+    for frame in frames:
+        print(json_line(watched, frame), flush=True)
+    return True
 
 
-class Lines:
-    """A line for each frame.
+@contextmanager
+def screen(console: Console, n_stars: int) -> Iterator[Output]:
+    """Give an output that draws on the whole terminal; the last view stays there afterwards."""
+    live = Live(console=console, screen=True, auto_refresh=False)
 
-    Args:
-        line: makes it.
-    """
-
-    def __init__(self, line: Callable[[Watched, Frame], str]) -> None:
-        self._line = line
-
-    def frame(self, watched: Watched, frame: Frame) -> None:
-        """Print the frame's line at once, also into a pipe."""
-        print(self._line(watched, frame), flush=True)
-
-    def look(self, _: Watched, __: float) -> bool:
-        """Go on."""
+    def draw(watched: Watched, _: list[Frame], now_s: float) -> bool:
+        live.update(view_of(watched, now_s, n_stars), refresh=True)
         return True
 
-
-class Screen:
-    """The view on the whole terminal, until told to stop; its last state stays there.
-
-    A context manager: on leaving the terminal is as it was, also after an error.
-    """
-
-    def __init__(self, console: Console, n_stars: int) -> None:
-        self._console, self._n_stars = console, n_stars
-        self._live = Live(console=console, screen=True, auto_refresh=False)
-        self._last: View | None = None
-
-    def __enter__(self) -> "Screen":
-        self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._live.stop()
-        if self._last is not None:
-            self._console.print(self._last)
-
-    def frame(self, _: Watched, __: Frame) -> None:
-        """A frame is shown with the next look: the eye needs no more."""
-
-    def look(self, watched: Watched, now_s: float) -> bool:
-        """Draw the view anew, and go on."""
-        self._last = View(watched, now_s, self._n_stars, fits=True)
-        self._live.update(self._last, refresh=True)
-        return True
+    try:
+        with live:
+            yield draw
+    finally:
+        console.print(live.get_renderable())
 
 
 class Once:
-    """One view, or one line of JSON, as soon as a frame and a report have been heard.
-
-    What has been heard by `timeout_s` must do; `silent` afterwards says that it was nothing.
+    """One view as soon as a frame and a report have been heard, or else after `timeout_s`.
 
     Args:
-        console: where the view goes.
-        n_stars: stars to list at most.
-        as_json: a line of JSON instead of a view.
-        timeout_s: how long to wait at most.
+        show: prints the view of the state at a time.
+        timeout_s: how long to wait.
     """
 
-    def __init__(self, console: Console, n_stars: int, as_json: bool, timeout_s: float) -> None:
-        self._console, self._n_stars, self._as_json = console, n_stars, as_json
-        self._timeout_s = timeout_s
-        self._until_s = math.inf
+    def __init__(self, show: Callable[[Watched, float], None], timeout_s: float) -> None:
+        self._show, self._timeout_s = show, timeout_s
+        self._until_s: float | None = None
+        #: Whether nothing was heard, and so nothing shown.
         self.silent = False
 
-    def frame(self, _: Watched, __: Frame) -> None:
-        """What there is to show is in the state."""
-
-    def look(self, watched: Watched, now_s: float) -> bool:
-        """Show and end, or go on waiting."""
-        if self._until_s == math.inf:
-            self._until_s = now_s + self._timeout_s
-        complete = watched.frame is not None and watched.health is not None
-        if not complete and now_s < self._until_s:
+    def __call__(self, watched: Watched, _: list[Frame], now_s: float) -> bool:
+        """Show and end, or wait longer."""
+        self._until_s = self._until_s or now_s + self._timeout_s
+        heard = watched.frame is not None, bool(watched.reports)
+        if not all(heard) and now_s < self._until_s:
             return True
-        if not watched.heard:
-            self.silent = True
-        elif self._as_json:
-            print(json_line(watched, watched.frame))
-        else:
-            self._console.print(View(watched, now_s, self._n_stars))
+        self.silent = not any(heard)
+        if not self.silent:
+            self._show(watched, now_s)
         return False

@@ -1,10 +1,8 @@
-"""How well fields all over the sky are solved: no matplotlib in here."""
-
-from dataclasses import dataclass
+"""How well fields all over the sky are solved; `figures.sky_map` draws it."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from star_tracker.figures.sky_map import Survey
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import Floats, ra_dec
 from star_tracker.identification.ended import MIN_STARS
@@ -17,32 +15,6 @@ from star_tracker.maps.simulation import (
 from star_tracker.tracker import StarTracker
 
 _GOLDEN_ANGLE_RAD = float(np.pi * (3 - np.sqrt(5)))
-
-
-@dataclass(frozen=True)
-class Survey:
-    """What became of the frames of fields all over the sky.
-
-    Attributes:
-        boresights: (n, 3) unit vectors, ICRS.
-        frames: how many frames, at random rolls, each field was given.
-        guide_stars: (n,) mean number of guide stars in the image.
-        possible: (n,) frames that showed enough stars, four, to be solved at all.
-        right: (n,) frames whose attitude was found.
-        wrong: (n,) frames that were solved with a wrong attitude.
-    """
-
-    boresights: Floats
-    frames: int
-    guide_stars: Floats
-    possible: NDArray[np.int64]
-    right: NDArray[np.int64]
-    wrong: NDArray[np.int64]
-
-    @property
-    def rate_percent(self) -> Floats:
-        """Share of frames (n,) whose attitude was found."""
-        return np.asarray(100.0 * self.right / self.frames)
 
 
 def fibonacci_lattice(n: int) -> Floats:
