@@ -33,6 +33,12 @@ class Command(NamedTuple):
 
 #: The commands by name, which is also that of the module.
 COMMANDS = {
+    "solve": Command(
+        "attitudes of images, lists of centroids and star maps",
+        "Detect the stars of each file, identify them and tell where the camera points. Nothing "
+        "has to be known of the camera; what one file tells of it is used for the others.",
+        "star_tracker solve *.png --json",
+    ),
     "evaluate": Command(
         "robustness of both methods and their paper forms",
         "Robustness of both methods, each also in the paper's form: on the eight maps, and "

@@ -16,7 +16,8 @@ ADAPTERS = CHECKOUT / "msg_adapters"
 
 #: Modules at the top that every folder may import.
 EVERYWHERE = {"compiled", "resources"}
-CORE = {"geometry", "optics", "catalogue", "attitude", "identification", "solution", "tracker"}
+STAGES = {"geometry", "optics", "catalogue", "attitude", "identification"}
+CORE = STAGES | {"solution", "frame_solution", "tracker", "any_camera"}
 #: Each folder (or module at the top) with what it may import besides itself; docs/architecture.md
 #: has the same table in words.
 MAY = {
@@ -25,20 +26,25 @@ MAY = {
     "catalogue": {"geometry"},
     "attitude": {"geometry"},
     "identification": {"geometry", "optics", "catalogue", "attitude"},
-    "solution": {"geometry", "optics", "attitude", "identification"},
-    "tracker": CORE,
+    "solution": STAGES,
+    "frame_solution": STAGES | {"solution"},
+    "tracker": STAGES | {"solution", "frame_solution"},
+    "any_camera": STAGES | {"solution", "frame_solution"},
     "maps": {"geometry", "optics", "catalogue", "attitude"},
     "detection": {"geometry", "optics", "catalogue", "maps"},
     "calibration": CORE,
     "figures": CORE | {"maps", "detection", "calibration"},
-    "study": CORE | {"maps", "detection", "calibration", "figures"},
-    "commands": CORE | {"maps", "detection", "calibration", "figures", "study"},
+    "offline": CORE | {"maps", "detection", "calibration"},
+    "study": CORE | {"maps", "detection", "calibration", "figures", "offline"},
+    "commands": CORE | {"maps", "detection", "calibration", "figures", "offline", "study"},
     "nodes": CORE | {"maps", "detection", "calibration", "figures", "study", "commands"},
 }
 #: Libraries of a folder besides the standard library, numpy and scipy.
 LIBRARIES = {
     "compiled": {"numba"},
+    "calibration": {"yaml"},
     "figures": {"matplotlib", "contourpy"},
+    "offline": {"PIL", "astropy", "rawpy", "rosbags"},
     "study": {"yaml", "joblib", "distributed", "jinja2", "matplotlib", "PIL", "numba"},
     "commands": {"rich"},
 }

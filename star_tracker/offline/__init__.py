@@ -1,0 +1,1 @@
+"""Files without ROS: images, lists of centroids and star maps in, attitudes and headers out."""

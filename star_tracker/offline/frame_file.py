@@ -1,0 +1,77 @@
+"""One file as a frame: centroids, their brightness and what is known of the camera."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from star_tracker.detection.centroids import DetectSettings
+from star_tracker.detection.detect import detect_stars
+from star_tracker.geometry.spherical import Floats
+from star_tracker.maps.frame_file import read_frame
+from star_tracker.maps.star_map import read_star_map
+from star_tracker.offline.image_file import read_image
+
+
+@dataclass(frozen=True)
+class FileFrame:
+    """What a file shows.
+
+    Attributes:
+        path: the file.
+        size_px: width and height of the image.
+        xy_px: (n, 2) centroids; the origin is the outer corner of the first pixel.
+        intensity: (n,) their brightness, None where it is not known.
+        detect_ms: CPU time of reading and detecting.
+    """
+
+    path: Path
+    size_px: tuple[int, int]
+    xy_px: Floats
+    intensity: Floats | None
+    detect_ms: float
+
+
+def read_centroids(path: Path, size_px: tuple[int, int] | None) -> FileFrame:
+    """Read a list of centroids or a star map, whose own camera is left aside but for its size.
+
+    Raises ValueError for a file that is neither, and for a list without an image size.
+    """
+    if _is_star_map(path):
+        star_map = read_star_map(path)
+        size = star_map.camera.width_px, star_map.camera.height_px
+        return FileFrame(path, size, star_map.xy_px, None, 0.0)
+    if size_px is None:
+        raise ValueError(
+            f"{path} is a list of centroids: give the size of its image with --width-px and "
+            "--height-px"
+        )
+    xy, intensity = read_frame(path)
+    return FileFrame(path, size_px, xy, intensity, 0.0)
+
+
+def detect_in(path: Path, settings: DetectSettings, bayer: str = "") -> FileFrame:
+    """Detect the stars of an image file. Raises ValueError naming the file."""
+    started_ns = time.process_time_ns()
+    image = read_image(path)
+    try:
+        found = detect_stars(image, settings, bayer=bayer)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    size = int(image.shape[1]), int(image.shape[0])
+    elapsed_ms = (time.process_time_ns() - started_ns) / 1e6
+    return FileFrame(path, size, found.xy_px, np.asarray(found.flux, float), elapsed_ms)
+
+
+def is_list(path: Path) -> bool:
+    """Return whether a file is text with centroids, not an image."""
+    return path.suffix.lower() in {".csv", ".txt"}
+
+
+def _is_star_map(path: Path) -> bool:
+    try:
+        with path.open(encoding="utf-8") as file:
+            return file.read(20).startswith("# star map")
+    except (OSError, UnicodeDecodeError):
+        return False

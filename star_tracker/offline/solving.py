@@ -1,0 +1,160 @@
+"""Many files: stars detected in parallel, then solved in order, each with what was learnt before.
+
+Detection takes most of the time and knows nothing of other files, so it is spread over processes.
+Solving takes a millisecond a frame and is done in order in one process: the results do not depend
+on how many processes there are.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from star_tracker.any_camera import Step
+from star_tracker.calibration.learning import LearningTracker, Sources
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.catalogue.depth import Depth
+from star_tracker.catalogue.ladder import ladder
+from star_tracker.detection.centroids import DetectSettings
+from star_tracker.offline.frame_file import FileFrame, detect_in, is_list, read_centroids
+from star_tracker.optics.camera import Camera
+from star_tracker.solution import Solution, SolveSettings, Status
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the user says of the camera and the sky.
+
+    Attributes:
+        camera: from a file, None where there is none.
+        fov_deg: across the width, 0 = not known.
+        fov_tolerance_percent: how far off it may be.
+        fov_range_deg: least and greatest field of view where it is not known.
+        parity: of the image.
+        size_px: of lists of centroids.
+        catalog, epoch, limiting_magnitude: of the guide stars; 0 = as deep as suits the camera.
+        independent: whether each file is solved without what others told.
+        settings: of the solver.
+        detect: of the detector.
+        bayer: pattern of raw images.
+    """
+
+    camera: Camera | None = None
+    fov_deg: float = 0.0
+    fov_tolerance_percent: float = 5.0
+    fov_range_deg: tuple[float, float] = (4.0, 70.0)
+    parity: str = "auto"
+    size_px: tuple[int, int] | None = None
+    catalog: str = "hipparcos"
+    epoch: float = 2000.0
+    limiting_magnitude: float = 0.0
+    independent: bool = False
+    settings: SolveSettings = field(
+        default_factory=lambda: SolveSettings(method="match_group", deadline_ms=5000.0)
+    )
+    detect: DetectSettings = field(default_factory=DetectSettings)
+    bayer: str = ""
+
+    def tracker(self, size_px: tuple[int, int]) -> LearningTracker:
+        """Return a tracker for images of a size. Raises ValueError for a camera of another."""
+        width, height = size_px
+        camera = self.camera
+        if camera is not None and (camera.width_px, camera.height_px) != size_px:
+            raise ValueError(
+                f"the camera file is for {camera.width_px} x {camera.height_px} px, the image "
+                f"has {width} x {height}: leave the file out, or calibrate this size"
+            )
+        if camera is None and self.fov_deg > 0:
+            camera = Camera.from_fov(
+                self.fov_deg, width, height, parity=self.parity,
+                tolerance_percent=self.fov_tolerance_percent,
+            )
+        depth = Depth(self.limiting_magnitude)
+        sources = Sources(
+            partial(_database, catalog=self.catalog, epoch=self.epoch, depth=depth),
+            partial(_ladder, self, size_px, depth),
+        )
+        return LearningTracker(sources, camera, self.settings, parity=self.parity)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a file: its frame and solution, or the sentence that says what is wrong."""
+
+    path: Path
+    frame: FileFrame | None
+    solution: Solution | None
+    error: str = ""
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether there is an attitude."""
+        return self.solution is not None and self.solution.status is Status.SOLVED
+
+
+def frames_of(
+    paths: Sequence[Path], asked: Asked, jobs: int
+) -> Iterator[FileFrame | ValueError]:
+    """Yield the frames of files in order, or the error of one that cannot be used."""
+    work = partial(_frame, asked)
+    if jobs == 1 or len(paths) == 1:
+        yield from map(work, paths)
+        return
+    with ProcessPoolExecutor(max_workers=jobs) as pool:
+        yield from pool.map(work, paths)
+
+
+def solve_frames(
+    paths: Sequence[Path], frames: Iterable[FileFrame | ValueError], asked: Asked,
+    done: Callable[[], None] = lambda: None,
+) -> list[Result]:
+    """Solve frames in order; those that were not solved once more, with what others told."""
+    trackers: dict[tuple[int, int], LearningTracker] = {}
+    results = []
+    for path, frame in zip(paths, frames, strict=True):
+        results.append(_solved(path, frame, asked, trackers))
+        done()
+    if asked.independent:
+        return results
+    return [
+        one if one.is_solved or one.frame is None
+        else _solved(one.path, one.frame, asked, trackers)
+        for one in results
+    ]
+
+
+def _frame(asked: Asked, path: Path) -> FileFrame | ValueError:
+    try:
+        if is_list(path):
+            return read_centroids(path, asked.size_px)
+        return detect_in(path, asked.detect, asked.bayer)
+    except ValueError as error:
+        return error
+
+
+def _solved(
+    path: Path, frame: FileFrame | ValueError, asked: Asked,
+    trackers: dict[tuple[int, int], LearningTracker],
+) -> Result:
+    if isinstance(frame, ValueError):
+        return Result(path, None, None, str(frame))
+    try:
+        if asked.independent or frame.size_px not in trackers:
+            trackers[frame.size_px] = asked.tracker(frame.size_px)
+        solution = trackers[frame.size_px].solve(frame.xy_px, frame.intensity)
+    except ValueError as error:
+        return Result(path, frame, None, f"{path}: {error}")
+    return Result(path, frame, solution)
+
+
+def _database(camera: Camera, *, catalog: str, epoch: float, depth: Depth) -> FeatureDatabase:
+    return FeatureDatabase.for_camera(
+        camera, catalog=catalog, epoch=epoch, depth=depth, with_patterns=False
+    )
+
+
+def _ladder(asked: Asked, size_px: tuple[int, int], depth: Depth) -> Sequence[Step]:
+    return ladder(
+        asked.fov_range_deg, size_px, catalog=asked.catalog, epoch=asked.epoch, depth=depth
+    )

@@ -1,0 +1,102 @@
+"""A camera from many frames: what the stars tell comes out within its standard errors."""
+
+import numpy as np
+import pytest
+
+from star_tracker.calibration.camera_estimator import CameraEstimator
+from star_tracker.maps.simulation import random_rotation
+from star_tracker.optics.camera import Camera
+from star_tracker.optics.distortion import Distortion
+
+WIDE = Camera(
+    1024, 768, 1100.0, 1100.0, 516.0, 380.0, "normal",
+    Distortion("plumb_bob", (-0.25, 0.08, 0.0, 0.0, 0.0)),
+)
+NARROW = Camera.from_fov(10, 512, 512)
+
+
+def frames(camera, n, rng, *, stars=40, noise_px=0.2):
+    """Frames of stars all over the image at random attitudes: centroids and ICRS vectors."""
+    for _ in range(n):
+        xy = rng.random((stars, 2)) * (camera.width_px, camera.height_px)
+        vectors = camera.vectors(xy) @ random_rotation(rng).T
+        yield xy + rng.normal(0, noise_px, xy.shape), vectors
+
+
+def started(true, *, scale=1.0):
+    return Camera(
+        true.width_px, true.height_px, true.fx_px * scale, true.fy_px * scale,
+        true.width_px / 2, true.height_px / 2, true.parity,
+    )
+
+
+def test_a_bent_lens_is_found_within_its_errors():
+    rng = np.random.default_rng(1)
+    estimator = CameraEstimator(started(WIDE, scale=1.01), 0.02)
+    for xy, stars in frames(WIDE, 30, rng):
+        assert estimator.add(xy, stars)
+    found = estimator.estimate
+    errors = found.standard_errors
+    assert abs(np.log(found.camera.fx_px / WIDE.fx_px)) < 4 * errors[0]
+    assert abs(found.camera.cx_px - WIDE.cx_px) < 4 * errors[1] * WIDE.width_px
+    assert abs(found.camera.cy_px - WIDE.cy_px) < 4 * errors[2] * WIDE.width_px
+    k1, k2 = found.camera.distortion.coefficients[:2]
+    assert abs(k1 + 0.25) < 4 * errors[3]
+    assert abs(k2 - 0.08) < 4 * errors[4]
+    assert errors[0] < 3e-4
+    assert found.sigma_px == pytest.approx(0.2, rel=0.25)
+    assert (found.n_frames, found.n_left_out) == (30, 0)
+
+
+def test_what_a_narrow_field_cannot_tell_stays_as_it_was():
+    rng = np.random.default_rng(2)
+    estimator = CameraEstimator(NARROW, 0.05)
+    for xy, stars in frames(NARROW, 5, rng, stars=12, noise_px=0.5):
+        estimator.add(xy, stars)
+    found = estimator.estimate
+    assert (found.camera.cx_px, found.camera.cy_px) == (NARROW.cx_px, NARROW.cy_px)
+    assert found.camera.fx_px == pytest.approx(NARROW.fx_px, rel=4 * found.standard_errors[0])
+    # A wrong bend of the corners is within the noise.
+    corner = NARROW.vectors([(10.0, 10.0)])
+    np.testing.assert_allclose(found.camera.pixels(corner), [(10.0, 10.0)], atol=2.0)
+
+
+def test_a_frame_of_another_camera_is_left_out_and_many_of_them_say_so():
+    rng = np.random.default_rng(3)
+    estimator = CameraEstimator(NARROW, 0.01)
+    for xy, stars in frames(NARROW, 10, rng):
+        estimator.add(xy, stars)
+    zoomed = started(NARROW, scale=1.3)
+    for n, (xy, stars) in enumerate(frames(zoomed, 5, rng)):
+        assert not estimator.optics_changed, n
+        assert not estimator.add(xy, stars)
+    assert estimator.optics_changed
+    assert estimator.estimate.n_left_out == 5
+
+
+def test_one_wrong_star_hardly_moves_the_camera():
+    rng = np.random.default_rng(4)
+    clean, spoilt = CameraEstimator(NARROW, 0.02), CameraEstimator(NARROW, 0.02)
+    for xy, stars in frames(NARROW, 20, rng):
+        clean.add(xy, stars)
+        xy[0] += 30.0
+        spoilt.add(xy, stars)
+    shift = np.log(spoilt.estimate.camera.fx_px / clean.estimate.camera.fx_px)
+    assert abs(shift) < 3 * clean.estimate.standard_errors[0]
+
+
+def test_few_stars_are_left_out():
+    estimator = CameraEstimator(NARROW, 0.02)
+    xy = np.array([(10.0, 20.0), (200, 50), (300, 400), (90, 310)])
+    assert not estimator.add(xy, NARROW.vectors(xy))
+    assert estimator.estimate.n_left_out == 1
+
+
+def test_a_lens_of_another_model_is_kept():
+    fisheye = Camera(800, 600, 500.0, 500.0, 400.0, 300.0, "normal",
+                     Distortion("equidistant", (0.01, 0.0, 0.0, 0.0)))
+    rng = np.random.default_rng(5)
+    estimator = CameraEstimator(fisheye, 0.02)
+    for xy, stars in frames(fisheye, 5, rng):
+        assert estimator.add(xy, stars)
+    assert estimator.estimate.camera.distortion == fisheye.distortion

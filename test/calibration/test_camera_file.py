@@ -1,0 +1,85 @@
+"""Cameras in the YAML files of ROS's camera_calibration."""
+
+import pytest
+
+from star_tracker.calibration.camera_file import read_camera, write_camera
+from star_tracker.optics.camera import Camera
+from star_tracker.optics.distortion import Distortion
+
+yaml = pytest.importorskip("yaml", reason="reading camera files needs PyYAML")
+#: As camera_calibration writes it, with numbers of a real 752 x 480 lens.
+ROS_FILE = """
+image_width: 752
+image_height: 480
+camera_name: narrow_stereo
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [460.5, 0, 371.2, 0, 459.8, 231.9, 0, 0, 1]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.28, 0.07, 0.0001, 0.0002, 0.0]
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1, 0, 0, 0, 1, 0, 0, 0, 1]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [460.5, 0, 371.2, 0, 0, 459.8, 231.9, 0, 0, 0, 1, 0]
+"""
+
+
+@pytest.mark.parametrize("camera", [
+    Camera.from_fov(12, 512, 512, parity="mirrored"),
+    Camera(1024, 768, 1100.5, 1099.25, 510.125, 390.0, "normal",
+           Distortion("plumb_bob", (-0.25, 0.1, 0.0, 0.0, 0.01)), 0.3),
+    Camera(800, 600, 400.0, 400.0, 400.0, 300.0, "auto",
+           Distortion("equidistant", (0.0, 0.0, 0.0, 0.0))),
+])
+def test_a_camera_comes_back_as_it_was(camera, tmp_path):
+    write_camera(camera, tmp_path / "camera.yaml")
+    assert read_camera(tmp_path / "camera.yaml") == camera
+
+
+def test_what_ros_reads_is_there(tmp_path):
+    write_camera(Camera.from_fov(20, 1024, 768), tmp_path / "c.yaml", name="left")
+    content = yaml.safe_load((tmp_path / "c.yaml").read_text())
+    assert content["camera_name"] == "left"
+    assert (content["image_width"], content["image_height"]) == (1024, 768)
+    assert content["camera_matrix"]["data"][::4] == [
+        content["camera_matrix"]["data"][0], content["camera_matrix"]["data"][0], 1.0
+    ]
+    assert len(content["projection_matrix"]["data"]) == 12
+    assert content["distortion_coefficients"]["data"] == [0.0] * 5
+
+
+def test_a_file_of_ros_is_read_with_parity_to_find_out(tmp_path):
+    (tmp_path / "ros.yaml").write_text(ROS_FILE)
+    camera = read_camera(tmp_path / "ros.yaml")
+    assert (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px) == (460.5, 459.8, 371.2, 231.9)
+    assert camera.distortion == Distortion("plumb_bob", (-0.28, 0.07, 0.0001, 0.0002, 0.0))
+    assert (camera.parity, camera.tolerance_percent) == ("auto", 2.0)
+
+
+@pytest.mark.parametrize(("text", "sentence"), [
+    ("image_width: 3\n", "has no camera_matrix"),
+    ("a: [1,\n", "is not YAML"),
+    ("3\n", "'int' object is not iterable"),
+    (ROS_FILE.replace("460.5, 0, 371.2, 0, 459.8", "nan, 0, 371.2, 0, 459.8"),
+     "camera_matrix has not 9 finite numbers"),
+    (ROS_FILE + "star_tracker: {parity: upside}\n", "parity 'upside' is unknown"),
+])
+def test_a_file_that_is_none_is_told_with_its_name(text, sentence, tmp_path):
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"bad\.yaml") as error:
+        read_camera(path)
+    assert sentence in str(error.value)
+
+
+def test_a_missing_file_is_told(tmp_path):
+    with pytest.raises(ValueError, match="cannot be read: No such file or directory"):
+        read_camera(tmp_path / "none.yaml")
