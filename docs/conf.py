@@ -63,7 +63,8 @@ default_role = "literal"
 
 nitpick_ignore_regex = [
     # Documented elsewhere; a link would need the other projects' indices from the network.
-    ("py:.*", r"(numpy|scipy|numba|matplotlib|rich|argparse|collections|pathlib|enum|subprocess)\..*"),
+    ("py:.*", r"(numpy|scipy|numba|matplotlib|rich)\..*"),
+    ("py:.*", r"(argparse|collections|pathlib|enum|subprocess)\..*"),
     ("py:.*", r"(rclpy|rcl_interfaces|\w+_msgs|std_srvs)\..*"),
     # Type variables and other names of a module's own.
     ("py:.*", r"(star_tracker|msg_adapters)\.(\w+\.)*_\w+"),
