@@ -20,8 +20,9 @@ from numba.experimental import structref
 
 from star_tracker.resources import cache_folder, sources_digest
 
-#: No exceptions for divisions by zero: what is divided by is checked where it can be zero.
-_OPTIONS = {"error_model": "numpy", "nogil": True}
+#: No exceptions for divisions by zero: what is divided by is checked where it can be zero. Nobody
+#: calls the functions from C: without that wrapper they compile faster.
+_OPTIONS = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -30,7 +31,7 @@ def compiled(function: Callable[..., Any]) -> Any:
     Its arguments are arrays, numbers and named tuples of them. The global interpreter lock is
     released while it runs.
     """
-    return _compile(function, "never")
+    return _compile(function)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
@@ -38,11 +39,11 @@ def inlined(function: Callable[..., Any]) -> Any:
 
     For small ones that are called for each star: handing over arrays takes longer than their work.
     """
-    return _compile(function, "always")
+    return _compile(function, forceinline=True)
 
 
-def _compile(function: Callable[..., Any], inline: str) -> Any:
-    options: dict[str, Any] = {**_OPTIONS, "inline": inline}
+def _compile(function: Callable[..., Any], **more: bool) -> Any:
+    options: dict[str, Any] = {**_OPTIONS, **more}
     njit: Any = numba.njit
     folder = _cache_folder()
     if folder is None:
