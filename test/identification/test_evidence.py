@@ -1,41 +1,64 @@
 """The Bayes factor of a pose: against direct integration, and what chance makes of it."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
+from engines import CAMERA, Bench, catalog_of, database_at, random_sky
 from scipy.integrate import quad
 from scipy.special import comb
-from scipy.stats import invgamma, norm
+from scipy.stats import chi2, f, invgamma, norm
 
-from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.identification.cells import MatchGroupSettings
-from star_tracker.identification.evidence import brightness, evidence, strongest
+from star_tracker.identification.evidence import (
+    EXACT,
+    ScalePrior,
+    brightness,
+    evidence,
+    scale_prior,
+    variance,
+)
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.optics.camera import Camera
-from star_tracker.tracker import SolveSettings, StarTracker
+from star_tracker.solution import SolveSettings
+from star_tracker.tracker import StarTracker
 
-CAMERA = Camera.from_fov(12, 512, 512)
 OBLONG = Camera(800, 300, 900.0, 1100.0, 400, 150)
+#: Any of a range of focal lengths, of which a part is looked at; and one told with 4 %.
+UNTOLD = ScalePrior(-0.2, 0.3, 1.7, told=False, sigma=math.inf)
+TOLD = scale_prior(4.0)
 
 
-def by_integration(camera, vectors, residual2, n, m, *, sigma_px=0.7, freedom=1.0):
+def by_integration(
+    camera, vectors, residual2, n, m, *, sigma_px=0.7, freedom=1.0, scale=1.0, prior=EXACT,
+    free=False,
+):
     """Log10 of B for all of the matches, sigma^2 integrated numerically.
 
     The pose's part is the Gaussian integral over three angles in a uniform density over all
-    rotations, 1 / (8 pi^2); that of the matches a density over the image of area A.
+    rotations, 1 / (8 pi^2); that of the matches a density over the image of area A. Where the
+    scale is free its logarithm is a fourth dimension, of a density 1 / log_range; where the
+    camera's own is told with a tolerance, each of the two has half of the belief.
     """
     k, s = len(residual2), float(np.sum(residual2))
-    information = sum(np.eye(3) - np.outer(b, b) for b in vectors)
-    area, focal = camera.width_px * camera.height_px, math.sqrt(camera.fx_px * camera.fy_px)
+    information = information_of(vectors)
+    if not free:
+        information = information[:3, :3]
+    area = camera.width_px * camera.height_px
+    focal = math.sqrt(camera.fx_px * camera.fy_px) * scale
     noise = invgamma(freedom / 2, scale=freedom * sigma_px**2 / 2)
+    density_of_scale = 1 / prior.log_range if free else 1.0
+    share = 0.5 if prior.told and prior.log_range > 0 else 1.0
+
+    of_one = np.linalg.slogdet(np.linalg.inv(information))[1]  # of the noise 1 rad
 
     def log_given(variance):
         """Natural log of everything that depends on the noise."""
         density = k * (math.log(area) - math.log(2 * math.pi * variance)) - s / (2 * variance)
-        covariance = variance / focal**2 * np.linalg.inv(information)
-        pose = 0.5 * np.linalg.slogdet(2 * math.pi * covariance)[1] - math.log(8 * math.pi**2)
+        scatter = of_one + len(information) * math.log(2 * math.pi * variance / focal**2)
+        pose = 0.5 * scatter - math.log(8 * math.pi**2)
         return density + pose + noise.logpdf(variance) + math.log(variance)
 
     grid = np.linspace(-20, 15, 700)
@@ -48,19 +71,37 @@ def by_integration(camera, vectors, residual2, n, m, *, sigma_px=0.7, freedom=1.
     # (n - k)! / n! k! (m - k)! / m! is 1 / (ways to choose k of m, k of n, and to pair them).
     ways = comb(n, k, exact=True) * comb(m, k, exact=True) * math.factorial(k)
     log_b = peak + math.log(integral) - math.log(ways) - math.log(min(n, m) + 1)
-    return log_b / math.log(10)
+    return (log_b + math.log(density_of_scale * share)) / math.log(10)
 
 
-def frame_of(camera, n, seed):
+def information_of(vectors):
+    """J^T J for three angles and log f: how the directions (k, 3) move with them."""
+    rows = []
+    for x, y, z in vectors:
+        turn = -np.array([(0, -z, y), (z, 0, -x), (-y, x, 0)])  # w x b = -b x w
+        towards_axis = np.array([x, y, z]) * (1 - z * z) - (x, y, 0)
+        rows.append(np.column_stack([turn, towards_axis]))
+    jacobian = np.concatenate(rows)
+    return jacobian.T @ jacobian
+
+
+def points(camera, n, seed):
     rng = np.random.default_rng(seed)
-    return camera.vectors(rng.random((n, 2)) * (camera.width_px, camera.height_px))
+    return rng.random((n, 2)) * (camera.width_px, camera.height_px)
 
 
-def chosen(camera, vectors, residual2, m, sigma_px=0.0):
-    """The number of matches that carry most evidence and its log10; stars 0, 1, ... match."""
-    k = len(residual2)
-    e = evidence(len(vectors) + m + k, sigma_px)
-    return strongest(e, vectors, np.arange(k), np.array(residual2), k, m, camera.optics)
+@cache
+def bench_of(camera, sigma_px=0.0, prior=EXACT):
+    """Where only the frame and the matches listed by hand count, not the guide stars."""
+    places = points(camera, 5, 1)
+    return Bench(database_at(places, camera), camera, sigma_px=sigma_px, prior=prior)
+
+
+def chosen(camera, xy, residual2, m, sigma_px=0.0):
+    """The number of matches that carry most evidence and its log10; rows 0, 1, ... match."""
+    bench = bench_of(camera, sigma_px)
+    bench.show(xy)
+    return bench.weigh(range(len(residual2)), residual2, m)
 
 
 # The formula
@@ -80,9 +121,10 @@ def chosen(camera, vectors, residual2, m, sigma_px=0.0):
 )
 def test_evidence_is_the_integral_over_pose_and_noise(camera, known_px, prior, size):
     n, m, k = size
-    vectors = frame_of(camera, n, n)
+    xy = points(camera, n, n)
+    vectors = camera.vectors(xy)
     residual2 = np.full(k, 0.3 if known_px == 0 else known_px**2)
-    number, score = chosen(camera, vectors, residual2, m, known_px)
+    number, score = chosen(camera, xy, residual2, m, known_px)
     expected = {
         j: by_integration(camera, vectors[:j], residual2[:j], n, m, **prior)
         for j in {3, (3 + k) // 2, k, number}
@@ -95,10 +137,11 @@ def test_evidence_is_the_integral_over_pose_and_noise(camera, known_px, prior, s
 def test_as_many_matches_are_taken_as_carry_most_evidence(seed):
     """Some good ones and some that are off by many pixels."""
     rng = np.random.default_rng(seed)
-    vectors = frame_of(CAMERA, 20, seed)
+    xy = points(CAMERA, 20, seed)
+    vectors = CAMERA.vectors(xy)
     good = int(rng.integers(3, 8))
     residual2 = np.sort(np.concatenate([rng.random(good), rng.uniform(500, 5000, 4)]))
-    k, score = chosen(CAMERA, vectors, residual2, 25)
+    k, score = chosen(CAMERA, xy, residual2, 25)
     expected = [
         by_integration(CAMERA, vectors[:j], residual2[:j], 20, 25)
         for j in range(3, good + 5)
@@ -108,19 +151,54 @@ def test_as_many_matches_are_taken_as_carry_most_evidence(seed):
     assert k <= good or good < 5
 
 
+@pytest.mark.parametrize("prior", [UNTOLD, TOLD], ids=["not told", "4 %"])
+@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("size", [(3, 3, 3), (10, 4, 4), (25, 30, 12)])
+def test_evidence_where_the_scale_is_not_known_is_the_integral_over_it_too(prior, free, size):
+    """A pose by separation has the camera's own scale; one by shape has any, which is charged."""
+    if prior is UNTOLD and not free:
+        return  # no such pose is ever tried
+    n, m, k = size
+    xy, scale = points(OBLONG, n, n), 1.04 if free else 1.0
+    bench = bench_of(OBLONG, 0.0, prior)
+    bench.show(xy)
+    residual2 = np.full(k, 0.3)
+    number, score = bench.weigh(range(k), residual2, m, scale=scale, free=free)
+    vectors = OBLONG.scaled(scale).vectors(xy)
+    expected = {
+        j: by_integration(
+            OBLONG, vectors[:j], residual2[:j], n, m, scale=scale, prior=prior, free=free
+        )
+        for j in {3, k, number}
+    }
+    assert score == pytest.approx(expected[number], abs=1e-6)
+    assert score >= max(expected.values()) - 1e-6
+
+
+def test_a_scale_that_is_searched_for_costs_evidence():
+    """Ten times the range of focal lengths costs one decade."""
+    xy, scores = points(CAMERA, 12, 7), []
+    for log_range in (0.2, 2.0):
+        prior = ScalePrior(-0.1, 0.1, log_range, told=False, sigma=math.inf)
+        bench = bench_of(CAMERA, 0.0, prior)
+        bench.show(xy)
+        scores.append(bench.weigh(range(8), [0.1] * 8, 12, free=True)[1])
+    assert scores[0] - scores[1] == pytest.approx(1.0, abs=1e-9)
+
+
 def test_evidence_of_perfect_matches_has_a_bound_from_the_typical_noise():
     """S = 0 is no certainty: sigma is as likely as anything to be larger."""
-    vectors = frame_of(CAMERA, 4, 1)
-    perfect, good = (chosen(CAMERA, vectors, [r] * 4, 4)[1] for r in (0.0, 0.01))
+    xy = points(CAMERA, 4, 1)
+    perfect, good = (chosen(CAMERA, xy, [r] * 4, 4)[1] for r in (0.0, 0.01))
     assert good < perfect < good + 0.5
     assert math.isfinite(perfect)
 
 
 def test_evidence_grows_with_matches_and_falls_with_residuals_and_with_false_stars():
-    vectors = frame_of(CAMERA, 30, 2)
+    xy = points(CAMERA, 30, 2)
 
     def score(k, n, m, residual_px):
-        return chosen(CAMERA, vectors[:n], [residual_px**2] * k, m)[1]
+        return chosen(CAMERA, xy[:n], [residual_px**2] * k, m)[1]
 
     by_matches = [score(k, 12, 12, 0.5) for k in range(3, 13)]
     assert np.all(np.diff(by_matches) > 0)
@@ -136,28 +214,101 @@ def test_stars_on_a_wide_base_say_less_than_a_cluster_because_they_fit_fewer_pos
     """det M is larger by the square of the ratio of the spreads: half of its log10."""
     small = np.array([(250.0, 250), (262, 250), (250, 262), (262, 262)])
     wide = 256 + 12 * (small - 256)
-    results = [chosen(CAMERA, CAMERA.vectors(xy), [0.1] * 4, 4)[1] for xy in (small, wide)]
+    results = [chosen(CAMERA, xy, [0.1] * 4, 4)[1] for xy in (small, wide)]
     assert results[0] - results[1] == pytest.approx(math.log10(12), abs=0.02)
 
 
 def test_known_noise_makes_the_residuals_that_belong_to_it_stronger():
-    vectors = frame_of(CAMERA, 5, 3)
+    xy = points(CAMERA, 5, 3)
     small = [0.05**2] * 5
-    assert chosen(CAMERA, vectors, small, 5, 0.05)[1] > chosen(CAMERA, vectors, small, 5)[1]
+    assert chosen(CAMERA, xy, small, 5, 0.05)[1] > chosen(CAMERA, xy, small, 5)[1]
     # And those that do not belong to it far weaker.
     large = [3.0**2] * 5
-    assert chosen(CAMERA, vectors, large, 5, 0.05)[1] < chosen(CAMERA, vectors, large, 5)[1] - 3
+    assert chosen(CAMERA, xy, large, 5, 0.05)[1] < chosen(CAMERA, xy, large, 5)[1] - 3
 
 
 def test_more_matches_than_guide_stars_inside_are_possible_at_the_border():
     """A guide star just outside may match a centroid just inside: m is not less than k."""
-    vectors = frame_of(CAMERA, 6, 4)
-    outside, inside = (chosen(CAMERA, vectors, [0.2] * 5, m) for m in (3, 5))
+    xy = points(CAMERA, 6, 4)
+    outside, inside = (chosen(CAMERA, xy, [0.2] * 5, m) for m in (3, 5))
     assert outside == inside
 
 
 def test_factorials():
     np.testing.assert_allclose(np.exp(evidence(6, 0.0).log_factorial), [1, 1, 2, 6, 24, 120, 720])
+
+
+# What is known of the focal length
+
+
+def test_a_focal_length_without_tolerance_is_exact():
+    assert scale_prior(0.0) == EXACT
+    assert (EXACT.low, EXACT.high, EXACT.log_range, EXACT.sigma) == (0, 0, 0, 0)
+    assert EXACT.told
+
+
+@pytest.mark.parametrize("tolerance_percent", [0.5, 5.0, 30.0])
+def test_a_tolerance_is_one_standard_deviation_and_a_tenth_more_is_searched(tolerance_percent):
+    prior = scale_prior(tolerance_percent)
+    assert math.exp(prior.sigma) == pytest.approx(1 + tolerance_percent / 100)
+    assert math.exp(prior.high) == pytest.approx(1 + 1.1 * tolerance_percent / 100)
+    assert prior.low == -prior.high
+    assert prior.log_range == pytest.approx(prior.high - prior.low)
+    assert prior.told
+
+
+# The variance to be believed
+
+
+@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("k", [4, 6, 20, 150])
+def test_a_variance_joins_what_was_known_with_the_residuals(k, free):
+    """Gelman et al. (2013), 2.6: (nu s0^2 + S) / (nu + degrees of freedom)."""
+    known, sum2 = evidence(100, 0.2), 3.7
+    degrees = 2 * k - (4 if free else 3)
+    expected = (20 * 0.2**2 + sum2) / (20 + degrees)
+    assert variance(known, sum2, k, free) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("k", [4, 5, 8, 20, 100])
+def test_a_variance_of_few_residuals_is_widened_as_students_distribution_asks(k):
+    """Three angles: their error in units of a variance of d degrees is 3 F(3, d).
+
+    So often as a chi-square of 3 stays below its 99 % bound, 3 F(3, d) stays below that of F.
+    """
+    unknown, sum2, degrees = evidence(100, 0.0), 3.7, 2 * k - 3
+    plain = (0.7**2 + sum2) / (1 + degrees)
+    widening = 3 * f.ppf(0.99, 3, degrees) / chi2.ppf(0.99, 3)
+    assert variance(unknown, sum2, k, False) == pytest.approx(widening * plain, rel=1e-9)
+
+
+def test_the_widening_falls_to_one():
+    widening = evidence(10, 0.0).widening
+    assert np.all(np.diff(widening[1:]) < 0)
+    assert 1 < widening[-1] < 1.02
+    # More degrees of freedom than the table has are those of its end.
+    assert variance(evidence(10, 0.0), 1e6, 5000, False) == pytest.approx(
+        widening[-1] * (0.7**2 + 1e6) / (1 + 9997), rel=1e-12
+    )
+
+
+def test_the_bound_of_a_widened_variance_holds_as_often_as_it_says():
+    """Errors of three angles and residuals of 5 stars, 20,000 times; 99 % +- 0.07 % are within.
+
+    The prior, which is right here, makes it a little safer.
+    """
+    rng, k, trials = np.random.default_rng(3), 5, 20_000
+    known = evidence(10, 0.0)
+    sum2 = 0.7**2 * rng.chisquare(2 * k - 3, trials)
+    error2 = 0.7**2 * rng.chisquare(3, trials)
+    believed = np.array([variance(known, s, k, False) for s in sum2])
+    beyond = np.mean(error2 / believed > chi2.ppf(0.99, 3))
+    assert beyond < 0.01 + 3 * 0.0007
+
+
+@pytest.mark.parametrize(("sigma_px", "k"), [(0.001, 50), (0.0, 100_000)])
+def test_no_variance_is_below_a_hundredth_of_a_pixel(sigma_px, k):
+    assert variance(evidence(10, sigma_px), 0.0, k, False) == pytest.approx(1e-4, rel=1e-12)
 
 
 # Chance
@@ -172,10 +323,7 @@ def test_unrelated_frames_seldom_look_like_the_sky(n_stars, n_centroids, n_frame
     The best of all poses on the sky counts, and three standard deviations of luck are allowed.
     """
     rng = np.random.default_rng(n_centroids)
-    vectors = rng.normal(size=(n_stars, 3))
-    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
-    none = np.zeros(n_stars, np.int64)
-    catalog = StarCatalog(vectors, np.full(n_stars, 4.0), none, none)
+    catalog = catalog_of(random_sky(n_stars, n_centroids))
     camera = Camera.from_fov(20, 512, 512)
     settings = SolveSettings(
         "match_group", MatchGroupSettings(quick=False), max_log10_false_alarms=0.0,

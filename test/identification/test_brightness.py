@@ -1,0 +1,104 @@
+"""Intensities: what they add to a whole frame's evidence, and what they cannot spoil."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from solutions import intensity_of, record
+
+from star_tracker.solution import Status
+
+
+def test_no_intensities_are_as_none(tracker, frame):
+    assert record(tracker.solve(frame.xy_px, None)) == record(tracker.solve(frame.xy_px))
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, -math.inf])
+def test_intensities_that_are_all_unknown_are_as_none(tracker, frame, value):
+    unknown = np.full(len(frame.xy_px), value)
+    assert record(tracker.solve(frame.xy_px, unknown)) == record(tracker.solve(frame.xy_px))
+
+
+@pytest.mark.parametrize("value", [0.0, -5.0, -math.inf, math.inf])
+def test_an_intensity_that_is_not_positive_and_finite_counts_as_unknown(tracker, frame, value):
+    intensity = intensity_of(frame)
+    intensity[::3] = math.nan
+    expected = record(tracker.solve(frame.xy_px, intensity))
+    intensity[::3] = value
+    assert record(tracker.solve(frame.xy_px, intensity)) == expected
+
+
+def test_intensities_that_agree_with_the_catalogue_are_evidence(tracker, frame):
+    without, with_them = tracker.solve(frame.xy_px), tracker.solve(
+        frame.xy_px, intensity_of(frame)
+    )
+    assert with_them.log10_false_alarms < without.log10_false_alarms
+    np.testing.assert_array_equal(
+        with_them.identification.catalog_index, without.identification.catalog_index
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_intensities_that_mean_nothing_cost_half_of_the_evidence_at_most(tracker, frame, seed):
+    without = tracker.solve(frame.xy_px)
+    shuffled = np.random.default_rng(seed).permutation(intensity_of(frame))
+    solution = tracker.solve(frame.xy_px, shuffled)
+    assert solution.status is Status.SOLVED
+    assert solution.log10_false_alarms < without.log10_false_alarms + math.log10(2) + 1e-9
+    np.testing.assert_array_equal(
+        solution.identification.catalog_index, without.identification.catalog_index
+    )
+
+
+@pytest.mark.parametrize("scale", [1e-6, 3.0, 1e9])
+def test_intensities_are_on_any_linear_scale(tracker, frame, scale):
+    one, other = (
+        tracker.solve(frame.xy_px, k * intensity_of(frame)) for k in (1.0, scale)
+    )
+    assert other.log10_false_alarms == pytest.approx(one.log10_false_alarms, abs=1e-6)
+    np.testing.assert_array_equal(
+        other.identification.catalog_index, one.identification.catalog_index
+    )
+
+
+def test_intensities_belong_to_their_centroids_in_any_order(tracker, frame):
+    order = np.random.default_rng(15).permutation(len(frame.xy_px))
+    one = tracker.solve(frame.xy_px, intensity_of(frame))
+    other = tracker.solve(frame.xy_px[order], intensity_of(frame)[order])
+    assert other.log10_false_alarms == pytest.approx(one.log10_false_alarms, abs=1e-9)
+
+
+def test_intensities_of_centroids_that_are_left_out_are_left_out_too(tracker, frame):
+    one = tracker.solve(frame.xy_px, intensity_of(frame))
+    other = tracker.solve(
+        np.insert(frame.xy_px, 2, math.nan, axis=0), np.insert(intensity_of(frame), 2, 7e9)
+    )
+    assert other.log10_false_alarms == one.log10_false_alarms
+
+
+def test_intensities_may_be_a_list_and_are_not_changed(tracker, frame):
+    intensity = intensity_of(frame)
+    kept = intensity.copy()
+    one = tracker.solve(frame.xy_px, intensity)
+    np.testing.assert_array_equal(intensity, kept)
+    assert record(tracker.solve(frame.xy_px, intensity.tolist())) == record(one)
+
+
+@pytest.mark.parametrize(
+    ("intensity", "shape"),
+    [
+        (np.ones(4), "(4,)"), (np.ones(6), "(6,)"), (np.ones(0), "(0,)"),
+        (np.ones((5, 1)), "(5, 1)"), (np.ones((1, 5)), "(1, 5)"), (7.0, "()"),
+    ],
+)
+def test_intensities_of_another_shape_are_the_callers_mistake(tracker, intensity, shape):
+    text = f"intensities have shape {shape}: give one for each of 5 centroids"
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        tracker.solve(np.full((5, 2), 100.0), intensity)
+
+
+def test_one_number_is_no_intensity_of_one_centroid(tracker):
+    text = "intensities have shape (): give one for each of 1 centroids"
+    with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
+        tracker.solve([(100.0, 100.0)], 7.0)

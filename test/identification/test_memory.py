@@ -1,0 +1,82 @@
+"""A tracker uses its memory again: nothing of a frame is left in the next, nor in a thread's."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from engines import CAMERA
+from solutions import PATIENT, record
+
+from star_tracker.maps.simulation import CONDITIONS, frames, uniform_noise
+from star_tracker.solution import SolveSettings, Status
+from star_tracker.tracker import StarTracker
+
+
+@pytest.fixture(scope="module")
+def many(database):
+    """50 frames of 12 deg: all conditions in turn, and noise."""
+    rng = np.random.default_rng(16)
+    found = [
+        next(frames(database.catalog, CAMERA, condition, 1, 100 * seed + at)).xy_px
+        for seed in range(4) for at, condition in enumerate(CONDITIONS)
+    ][:44]
+    return [*found, *(uniform_noise(CAMERA, n, rng) for n in (0, 3, 4, 5, 8, 12))]
+
+
+@pytest.mark.parametrize("parity", ["normal", "auto"])
+def test_a_tracker_used_again_is_as_a_new_one(database, many, parity):
+    """Votes, poses and labels of one frame leave no trace in the next, in whatever order."""
+    camera = CAMERA.with_parity(parity)
+    fresh = [record(StarTracker(database, camera, PATIENT).solve(xy)) for xy in many]
+    assert len({status for status, *_ in fresh}) >= 3
+    tracker = StarTracker(database, camera, PATIENT)
+    for seed in (17, 18):
+        for at in np.random.default_rng(seed).permutation(len(many)).tolist():
+            assert record(tracker.solve(many[at])) == fresh[at]
+
+
+def test_a_frame_that_was_cut_off_leaves_no_trace_either(database, frame):
+    tracker = StarTracker(database, CAMERA, SolveSettings(deadline_ms=1e-6))
+    expected = record(tracker.solve(frame.xy_px))
+    assert tracker.solve(
+        uniform_noise(CAMERA, 30, np.random.default_rng(19))
+    ).status is Status.TIMEOUT
+    assert record(tracker.solve(frame.xy_px)) == expected
+
+
+def test_two_trackers_share_a_database(database, many):
+    """Of two cameras, frame by frame in turn, and as if each were alone."""
+    cameras = CAMERA, CAMERA.with_parity("mirrored")
+    settings = SolveSettings(method="match_group", deadline_ms=math.inf)
+    alone = [
+        [record(tracker.solve(xy)) for xy in many[::3]]
+        for tracker in (StarTracker(database, camera, settings) for camera in cameras)
+    ]
+    both = [StarTracker(database, camera, settings) for camera in cameras]
+    in_turn = [[record(tracker.solve(xy)) for tracker in both] for xy in many[::3]]
+    assert [list(one) for one in zip(*in_turn, strict=True)] == alone
+
+
+def test_trackers_of_two_threads_share_a_database(database, many):
+    """The interpreter's lock is released in the search: they run at the same time."""
+    expected = [record(StarTracker(database, CAMERA, PATIENT).solve(xy)) for xy in many]
+
+    def solve_all(_):
+        tracker = StarTracker(database, CAMERA, PATIENT)
+        return [record(tracker.solve(xy)) for xy in many]
+
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(solve_all, range(2))) == [expected, expected]
+
+
+def test_the_order_of_the_centroids_never_changes_a_label(tracker, many):
+    rng = np.random.default_rng(21)
+    for xy in many:
+        first, order = tracker.solve(xy), rng.permutation(len(xy))
+        second = tracker.solve(xy[order])
+        assert second.status is first.status
+        for name in ("catalog_index", "state"):
+            np.testing.assert_array_equal(
+                getattr(second.identification, name), getattr(first.identification, name)[order]
+            )

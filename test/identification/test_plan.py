@@ -1,0 +1,89 @@
+"""In which order the search looks."""
+
+import math
+
+import numpy as np
+import pytest
+
+from star_tracker.identification.cells import MatchGroupSettings
+from star_tracker.identification.evidence import EXACT, ScalePrior, scale_prior
+from star_tracker.identification.plan import LEVEL, levels
+
+UNKNOWN = ScalePrior(-0.3, 0.3, 2.0, told=False, sigma=math.inf)
+#: As many main stars as there are.
+ALL = np.iinfo(np.int64).max
+
+
+def told_with_tolerance(settings):
+    return levels(settings, scale_prior(5.0))
+
+
+def test_the_full_search_tries_the_tolerances_in_turn():
+    settings = MatchGroupSettings((1.0, 3.0), companions=9, cells=7, quick=False)
+    found = levels(settings, EXACT)
+    assert found.dtype == LEVEL
+    assert not found["by_shape"].any()
+    assert found["tolerance_px"].tolist() == [1, 3]
+    for name, value in (("companions", 9), ("batch", 9), ("mains", ALL), ("cells", 7)):
+        assert found[name].tolist() == [value, value], name
+
+
+@pytest.mark.parametrize(("tolerances", "second"), [((2.0,), 2), ((2.0, 6.0, 12.0), 6)])
+def test_a_short_search_comes_before_the_full_one(tolerances, second):
+    found = levels(MatchGroupSettings(tolerances), EXACT)
+    assert found["tolerance_px"].tolist() == [2, 2, second, *tolerances]
+    short, full = found[:3], found[3:]
+    assert np.all(short["mains"] < ALL)
+    assert np.all(full["mains"] == ALL)
+    assert np.all(short["companions"] <= full["companions"][0])
+
+
+@pytest.mark.parametrize("prior", [EXACT, scale_prior(5.0), UNKNOWN], ids=["exact", "5 %", "any"])
+@pytest.mark.parametrize("quick", [True, False])
+@pytest.mark.parametrize("companions", [1, 20, 40])
+def test_the_votes_of_all_batches_have_room(prior, quick, companions):
+    """The engine makes room for the most companions of any level."""
+    found = levels(MatchGroupSettings(companions=companions, quick=quick), prior)
+    assert np.all(found["batch"] <= found["companions"])
+    assert np.all(found["companions"] >= 1)
+    assert np.all(found["cells"] >= 1)
+
+
+def test_where_the_focal_length_is_told_with_a_tolerance_both_ways_take_turns():
+    """As it is told first, and what is quick before what is full."""
+    settings = MatchGroupSettings((2.0, 6.0, 12.0))
+    found = told_with_tolerance(settings)
+    assert found["by_shape"].tolist() == [
+        False, True, True, False, True, False,  # short
+        False, True, False, True, False, True,  # full: each tolerance both ways
+    ]
+    assert found["tolerance_px"].tolist() == [2, 2, 2, 2, 6, 6, 2, 2, 6, 6, 12, 12]
+    assert not found["pause"].any()
+
+
+@pytest.mark.parametrize("quick", [True, False])
+def test_what_is_told_exactly_is_a_part_of_what_is_told_with_a_tolerance(quick):
+    settings = MatchGroupSettings((2.0, 6.0), quick=quick)
+    both = told_with_tolerance(settings)
+    by_separation = both[~both["by_shape"]]
+    np.testing.assert_array_equal(by_separation, levels(settings, EXACT))
+
+
+@pytest.mark.parametrize("quick", [True, False])
+def test_where_the_focal_length_is_not_told_only_shapes_are_left(quick):
+    settings = MatchGroupSettings((2.0, 6.0), quick=quick)
+    found = levels(settings, UNKNOWN)
+    assert found["by_shape"].all()
+    both = told_with_tolerance(settings)
+    shapes = both[both["by_shape"]]
+    names = [name for name in LEVEL.names if name != "pause"]
+    np.testing.assert_array_equal(found[names], shapes[names])
+    # Other cameras have their turn after each level of a full search.
+    assert found["pause"][3 * quick :].all()
+
+
+def test_a_candidate_by_shape_has_votes_that_chance_does_not_give():
+    """Of one triangle alone there are many; what its members are worth is asked besides."""
+    found = levels(MatchGroupSettings(), UNKNOWN)
+    assert np.all(found["votes"] >= 3)
+    assert np.all(found["worth"] > 1)
