@@ -22,7 +22,7 @@ CORE = {"geometry", "optics", "catalogue", "attitude", "identification", "soluti
 MAY = {
     "geometry": set(),
     "optics": {"geometry"},
-    "catalogue": {"geometry"},
+    "catalogue": {"geometry", "optics"},
     "attitude": {"geometry"},
     "identification": {"geometry", "optics", "catalogue", "attitude"},
     "solution": {"geometry", "optics", "attitude", "identification"},
