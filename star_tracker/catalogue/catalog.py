@@ -27,6 +27,7 @@ REFERENCE_EPOCH = 2000.0
 #: Beyond this, linear proper motion from 2000.0 is no longer good to an arcsecond for all stars.
 EPOCH_RANGE = (1900.0, 2100.0)
 LIMITING_MAGNITUDE_RANGE = (2.0, 8.0)
+DEFAULT_LIMITING_MAGNITUDE = 6.0
 GAIA_MAGNITUDE_RANGE = (2.0, 10.0)
 #: Two stars that are closer are one centroid, unless a camera's pixels say otherwise.
 DEFAULT_MIN_SEPARATION_DEG = 0.05
@@ -101,7 +102,7 @@ class StarCatalog:
     def hipparcos(
         cls,
         *,
-        limiting_magnitude: float = 6.0,
+        limiting_magnitude: float = DEFAULT_LIMITING_MAGNITUDE,
         min_separation_deg: float = DEFAULT_MIN_SEPARATION_DEG,
         epoch: float = REFERENCE_EPOCH,
     ) -> "StarCatalog":
@@ -151,7 +152,7 @@ class StarCatalog:
         cls,
         catalog: str,
         *,
-        limiting_magnitude: float = 6.0,
+        limiting_magnitude: float = DEFAULT_LIMITING_MAGNITUDE,
         min_separation_deg: float = DEFAULT_MIN_SEPARATION_DEG,
         epoch: float = REFERENCE_EPOCH,
     ) -> "StarCatalog":

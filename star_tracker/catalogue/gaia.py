@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts are loaded where they are used: together they cost a second
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from star_tracker.geometry.spherical import Floats, chord, unit_vectors
 
@@ -82,7 +82,7 @@ def read_gaia(faintest: float) -> GaiaStars:
 
 def not_among(stars: GaiaStars, vectors: Floats) -> GaiaStars:
     """Return the stars that are none of a catalogue's (m, 3) of the same epoch."""
-    apart, _ = cKDTree(vectors).query(
+    apart, _ = scipy.spatial.cKDTree(vectors).query(
         stars.vectors, distance_upper_bound=float(chord(_SAME_RAD))
     )
     other = np.isinf(apart)

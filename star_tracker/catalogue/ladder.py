@@ -1,8 +1,8 @@
 """Databases for a camera whose field of view is not known: a ladder of depths.
 
 A catalogue that suits 10 deg has too few stars for 4 deg and too many for 40. So the range of
-fields is cut into steps, each with the database of the field in its middle. Each is built, or
-loaded from the cache, when it is first used.
+fields is cut into steps, each with the database of the field in its middle, which is built when it
+is first used.
 """
 
 import math
@@ -11,7 +11,7 @@ from functools import cached_property
 from itertools import groupby, pairwise
 
 from star_tracker.catalogue.catalog import REFERENCE_EPOCH
-from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.catalogue.database import MAX_SEPARATION_RANGE_DEG, FeatureDatabase
 from star_tracker.catalogue.depth import (
     DEEPEST,
     Depth,
@@ -44,10 +44,14 @@ class LadderStep:
 
     @cached_property
     def database(self) -> FeatureDatabase:
-        """The database, made at the first use; its patterns at their own. Raises as `cached`."""
-        return FeatureDatabase.for_camera(
-            self.camera, catalog=self.catalog, epoch=self.epoch, depth=self.depth,
-            with_patterns=False,
+        """The database, made at the first use. Raises ValueError as `StarCatalog.named`.
+
+        What is searched without a scale is the shapes of its `triangles`. Its pairs are a few:
+        once a camera is found, `FeatureDatabase.for_camera` has those that suit it.
+        """
+        return FeatureDatabase.build(
+            self.depth.stars_for(self.camera, self.catalog, self.epoch),
+            max_separation_deg=MAX_SEPARATION_RANGE_DEG[0],
         )
 
 

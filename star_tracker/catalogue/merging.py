@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts are loaded where they are used: together they cost a second
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from star_tracker.geometry.spherical import Floats, chord
 
@@ -55,7 +55,8 @@ def merge_close(vectors: Floats, v_mag: Floats, limit_rad: float) -> Merged:
 
 def _leaders(vectors: Floats, v_mag: Floats, limit_rad: float) -> NDArray[np.intp]:
     """Return for each star (n,) the brightest star that it is merged with, mostly itself."""
-    close = cKDTree(vectors).query_pairs(float(chord(limit_rad)), output_type="ndarray")
+    tree = scipy.spatial.cKDTree(vectors)
+    close = tree.query_pairs(float(chord(limit_rad)), output_type="ndarray")
     # As rank in brightness, so that the brighter of a pair comes first; equals by their order.
     order = np.argsort(v_mag, kind="stable")
     rank = np.empty(len(order), np.intp)
