@@ -20,6 +20,7 @@ import sys
 import tempfile
 import zipfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,6 +64,43 @@ TYCHO2_STARS: dict[str, tuple[float, ...]] = {
     "8115-1985-1": (95.9074, -52.1809, -21.8, -10.4, 5.97, 1.03),
     "1472-1427-1": (214.0173, 18.9118, 41.3, -32.2, 5.97, 0.25),
     "8745-250-1": (276.7676, -53.1102, 0.3, 12.8, 5.97, 1.19),
+}
+
+#: The Bright Star Catalogue, 5th edition (Hoffleit & Warren 1991; CDS V/50), gives motions in the
+#: FK5 system, in 0.001"/yr.
+BSC5_EPOCH = 2000.0
+
+
+class Supplement(NamedTuple):
+    """What a Hipparcos row without an astrometric solution lacks; None = the row has it.
+
+    Attributes:
+        pm_ra_mas_yr, pm_dec_mas_yr: proper motion in RA (with cos Dec) and Dec.
+        source: where it was published.
+        place_deg: RA and Dec (ICRS) at `epoch`.
+        epoch: Julian year of the place.
+        v_mag: V magnitude.
+    """
+
+    pm_ra_mas_yr: float
+    pm_dec_mas_yr: float
+    source: str
+    place_deg: tuple[float, float] | None = None
+    epoch: float = HIPPARCOS_EPOCH
+    v_mag: float | None = None
+
+
+# Rows without a solution whose motion is published elsewhere. README.md says what was looked at.
+SUPPLEMENTS = {
+    31067: Supplement(1.0, -49.0, "BSC5, HR 2366"),
+    55203: Supplement(-432.0, -586.0, "BSC5, HR 4374 (xi UMa)"),
+    # The identifier place lies 7.7" west of the star: the place is BSC5's too (0.1 s, 1").
+    78727: Supplement(
+        -60.0, -29.0, "BSC5, HR 5977 and 5978 (xi Sco)", (241.0920833, -11.3730556), BSC5_EPOCH
+    ),
+    # 94 Aqr B. Its row has the light of A, HIP 115126, once more (V = 5.19): V is from Gaia DR3's
+    # G = 7.357 and BP - RP = 1.056 (Riello et al. 2021, table C.2).
+    115125: Supplement(298.0, -101.0, "BSC5, HR 8866 (94 Aqr), the pair's", v_mag=7.59),
 }
 
 
@@ -128,8 +166,12 @@ def parse_row(row: list[str]) -> tuple[float, ...]:
     """Return one row as catalogue fields after `hip` and `number`, at the Hipparcos epoch.
 
     Rows without an astrometric solution have no decimal position and no proper motion: they keep
-    the sexagesimal identifier position of the same epoch (0.01 s of time, 0.1 arcsec).
+    the sexagesimal identifier position of the same epoch (0.01 s of time, 0.1 arcsec), and stand
+    still where `SUPPLEMENTS` has no motion for them.
     """
+    supplement = SUPPLEMENTS.get(int(row[HIP]))
+    if supplement is not None:
+        return supplemented(row, supplement)
     if row[RA_DEG].strip() and row[DEC_DEG].strip():
         ra_deg, dec_deg = float(row[RA_DEG]), float(row[DEC_DEG])
     else:
@@ -143,6 +185,22 @@ def parse_row(row: list[str]) -> tuple[float, ...]:
         float(row[V_MAG]),
         number_or(row[B_MINUS_V], float("nan")),
     )
+
+
+def supplemented(row: list[str], supplement: Supplement) -> tuple[float, ...]:
+    """Return a row without a solution with what was published elsewhere, as `parse_row`."""
+    if row[RA_DEG].strip() or row[PM_RA].strip():
+        raise BuildError(f"HIP {row[HIP].strip()} has a solution of its own: no supplement fits")
+    ra_deg, dec_deg = supplement.place_deg or (
+        15.0 * sexagesimal(row[RA_SEXAGESIMAL]), sexagesimal(row[DEC_SEXAGESIMAL])
+    )
+    motion = (supplement.pm_ra_mas_yr, supplement.pm_dec_mas_yr)
+    ra, dec = propagate(
+        *np.array([[ra_deg], [dec_deg], [motion[0]], [motion[1]]]),
+        years=HIPPARCOS_EPOCH - supplement.epoch,
+    )
+    v_mag = float(row[V_MAG]) if supplement.v_mag is None else supplement.v_mag
+    return (float(ra[0]), float(dec[0]), *motion, v_mag, number_or(row[B_MINUS_V], float("nan")))
 
 
 def propagate(

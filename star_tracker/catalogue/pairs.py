@@ -5,11 +5,12 @@ the companion's position angle about the main star, so that a match votes for a 
 for a star. The same pairs are kept a second time by main star, to find the companions of one.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy  # its parts are loaded where they are used: together they cost a second
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.compiled import compiled, first_not_below
@@ -22,6 +23,8 @@ AZIMUTH_BITS = 8
 MAX_DIRECTED_PAIRS = 8_000_000
 #: Bins of separation that shorten a search, 0.01 deg as in the paper.
 _BIN_RAD = float(np.radians(0.01))
+#: Pairs that are computed at once.
+_PIECE = 65_536
 
 
 def azimuth_units(angle_rad: Floats) -> NDArray[np.int32]:
@@ -59,28 +62,23 @@ class PairTable(NamedTuple):
 
         Raises ValueError where the catalogue is too deep for that separation.
         """
-        tree = cKDTree(catalog.vectors)
+        tree = checked_tree(catalog, max_separation_rad)
         radius = float(chord(max_separation_rad))
-        directed = tree.count_neighbors(tree, radius) - len(catalog)
-        if directed > MAX_DIRECTED_PAIRS:
-            raise ValueError(
-                f"{len(catalog)} stars make {directed} directed pairs up to "
-                f"{np.degrees(max_separation_rad):.3g} deg, more than {MAX_DIRECTED_PAIRS}: "
-                "lower the limiting magnitude or the largest pair separation"
-            )
         pairs = tree.query_pairs(radius, output_type="ndarray")
         # Sorted by star first: ties in separation are then in the same order on every machine.
         # Each pair is followed by its reverse, so that half of the sorting is enough.
         key = np.sort(pairs.min(axis=1) * len(catalog) + pairs.max(axis=1))
         first, second = (part.astype(np.int32) for part in np.divmod(key, len(catalog)))
-        half = separation(catalog.vectors[first], catalog.vectors[second]).astype(np.float32)
+        half = piecewise(_separations, catalog.vectors, first, second)
         order = np.argsort(half, kind="stable")
         first, second = first[order], second[order]
         distance = np.repeat(half[order], 2)
         main = np.column_stack([first, second]).ravel()
         companion = np.column_stack([second, first]).ravel()
-        azimuth = azimuth_units(position_angle(catalog.vectors[main], catalog.vectors[companion]))
-        near = np.argsort(main, kind="stable")
+        azimuth = piecewise(_azimuths, catalog.vectors, main, companion)
+        # numpy sorts 16 bits three times as fast.
+        narrow = main.astype(np.uint16) if len(catalog) <= 1 << 16 else main
+        near = np.argsort(narrow, kind="stable")
         n_bins = int(max_separation_rad / _BIN_RAD) + 2
         edges = (np.arange(n_bins + 1) * _BIN_RAD).astype(np.float32)
         return cls(
@@ -109,6 +107,48 @@ class PairTable(NamedTuple):
         first = np.searchsorted(self.separation_rad, low_rad.astype(np.float32), "left")
         last = np.searchsorted(self.separation_rad, high_rad.astype(np.float32), "right")
         return first, np.maximum(last, first)
+
+
+def checked_tree(catalog: StarCatalog, max_separation_rad: float) -> Any:
+    """Return the tree of the stars that finds their pairs, counted in some 0.1 s.
+
+    Raises ValueError where the catalogue is too deep for that separation.
+    """
+    tree = scipy.spatial.cKDTree(catalog.vectors)
+    radius = float(chord(max_separation_rad))
+    directed = tree.count_neighbors(tree, radius) - len(catalog)
+    if directed > MAX_DIRECTED_PAIRS:
+        # Their number goes with the area, but for the Milky Way: 2 % less are enough.
+        enough = np.degrees(max_separation_rad) * np.sqrt(0.98 * MAX_DIRECTED_PAIRS / directed)
+        raise ValueError(
+            f"{len(catalog)} stars make {directed} directed pairs up to "
+            f"{np.degrees(max_separation_rad):.3g} deg, more than {MAX_DIRECTED_PAIRS}: set "
+            f"max_separation_deg to {np.floor(10 * enough) / 10:g} or less (0 = automatic), "
+            "or lower limiting_magnitude"
+        )
+    return tree
+
+
+def _separations(main: Floats, companion: Floats) -> NDArray[np.float32]:
+    return np.asarray(separation(main, companion), np.float32)
+
+
+def _azimuths(main: Floats, companion: Floats) -> NDArray[np.int32]:
+    return azimuth_units(position_angle(main, companion))
+
+
+def piecewise(
+    of_pairs: Callable[[Floats, Floats], NDArray[Any]], vectors: Floats,
+    main: NDArray[np.integer[Any]], companion: NDArray[np.integer[Any]],
+) -> NDArray[Any]:
+    """Return a function of two stars for all pairs, in pieces that stay in the cache.
+
+    Twice as fast as all at once for millions of pairs, and without their vectors in memory.
+    """
+    pieces = [slice(at, at + _PIECE) for at in range(0, max(len(main), 1), _PIECE)]
+    return np.concatenate([
+        of_pairs(vectors[main[piece]], vectors[companion[piece]]) for piece in pieces
+    ])
 
 
 @compiled

@@ -10,10 +10,11 @@ them, and each row votes for (guide star, roll) as a row of the pair table does.
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts are loaded where they are used: together they cost a second
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from star_tracker.catalogue.pairs import AZIMUTH_BITS, azimuth_units
+from star_tracker.catalogue.pairs import AZIMUTH_BITS, azimuth_units, piecewise
+from star_tracker.compiled import compiled
 from star_tracker.geometry.spherical import Floats, position_angle, separation
 
 #: Companions of each guide star that make its triangles.
@@ -55,35 +56,51 @@ class TriangleTable(NamedTuple):
     def build(cls, vectors: Floats, n_companions: int = COMPANIONS) -> "TriangleTable":
         """Make the triangles of stars (n, 3) with the nearest `n_companions` of each."""
         n = len(vectors)
-        _, near = cKDTree(vectors).query(vectors, k=min(n_companions + 1, n))
+        _, near = scipy.spatial.cKDTree(vectors).query(vectors, k=min(n_companions + 1, n))
         own = near == np.arange(n)[:, None]
         own[~own.any(axis=1), -1] = True
         near = near[~own].reshape(n, -1)
         main = np.repeat(np.arange(n), near.shape[1])
-        apart = separation(vectors[main], vectors[near.ravel()]).reshape(near.shape)
+        apart = piecewise(separation, vectors, main, near.ravel()).reshape(near.shape)
         order = np.argsort(apart, axis=1, kind="stable")
         near, apart = np.take_along_axis(near, order, 1), np.take_along_axis(apart, order, 1)
-        angle = position_angle(vectors[main], vectors[near.ravel()]).reshape(near.shape)
-        log_apart = np.log(apart)
-        first, second = np.triu_indices(near.shape[1], 1)
+        angle = piecewise(position_angle, vectors, main, near.ravel()).reshape(near.shape)
+        with np.errstate(divide="ignore"):  # two stars at one place have no shape
+            log_apart = np.log(apart)
         log_spacing = 0.5 * float(np.log(4.0 / n))
-        cells, rows = [], []
-        for a, b in ((first, second), (second, first)):
-            ratio = log_apart[:, b] - log_apart[:, a]
-            turn = (angle[:, b] - angle[:, a]) % (2 * np.pi)
-            at = np.floor((ratio - RATIO_LOW) / RATIO_STEP).astype(np.int64)
-            size = np.floor((log_apart[:, b] - log_spacing - SIZE_LOW) / SIZE_STEP)
-            size = size.astype(np.int64)
-            around = np.minimum(turn * (ANGLE_CELLS / (2 * np.pi)), ANGLE_CELLS - 1)
-            keep = (at >= 0) & (at < RATIO_CELLS) & (size >= 0) & (size < SIZE_CELLS)
-            cells.append(((at * SIZE_CELLS + size) * ANGLE_CELLS + around.astype(np.int64))[keep])
-            code = (np.arange(n)[:, None] << AZIMUTH_BITS) | azimuth_units(angle)[:, b]
-            rows.append(code[keep].astype(np.int32))
-        cell, row = np.concatenate(cells), np.concatenate(rows)
-        order = np.argsort(cell, kind="stable")
-        n_cells = RATIO_CELLS * SIZE_CELLS * ANGLE_CELLS
-        start = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=n_cells))])
+        count = np.zeros(RATIO_CELLS * SIZE_CELLS * ANGLE_CELLS + 1, np.int32)
+        units, none = azimuth_units(angle), np.empty(0, np.int32)
+        _sort_by_shape(log_apart - log_spacing, angle, units, count[1:], none)
+        start = np.cumsum(count, dtype=np.int32)
+        rows = np.empty(start[-1], np.int32)
+        _sort_by_shape(log_apart - log_spacing, angle, units, start[:-1].copy(), rows)
         return cls(
-            start.astype(np.int32), log_spacing, row[order],
+            start, log_spacing, rows,
             log_apart.astype(np.float32), angle.astype(np.float32), near.astype(np.int32),
         )
+
+
+@compiled
+def _sort_by_shape(
+    log_size: Floats, angle: Floats, units: NDArray[np.int32], at: NDArray[np.int32],
+    rows: NDArray[np.int32],
+) -> None:
+    """Count the triangles of each cell in `at`; with rows, write them from there on instead."""
+    counts_only = len(rows) == 0
+    n, n_companions = log_size.shape
+    for main in range(n):
+        for second in range(n_companions):
+            size = np.floor((log_size[main, second] - SIZE_LOW) / SIZE_STEP)
+            if not 0 <= size < SIZE_CELLS:
+                continue
+            for first in range(n_companions):
+                ratio = log_size[main, second] - log_size[main, first]
+                ratio = np.floor((ratio - RATIO_LOW) / RATIO_STEP)
+                if first == second or not 0 <= ratio < RATIO_CELLS:
+                    continue
+                turn = (angle[main, second] - angle[main, first]) % (2 * np.pi)
+                around = min(int(turn * (ANGLE_CELLS / (2 * np.pi))), ANGLE_CELLS - 1)
+                cell = (int(ratio) * SIZE_CELLS + int(size)) * ANGLE_CELLS + around
+                if not counts_only:
+                    rows[at[cell]] = (main << AZIMUTH_BITS) | units[main, second]
+                at[cell] += 1

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
@@ -15,7 +16,7 @@ from star_tracker.catalogue.pairs import (
     first_near,
     first_row,
 )
-from star_tracker.geometry.spherical import position_angle, separation, unit_vectors
+from star_tracker.geometry.spherical import chord, position_angle, separation, unit_vectors
 
 
 def catalog_of(**stars):
@@ -252,16 +253,28 @@ def test_a_catalogue_too_deep_for_the_separation_is_refused():
     assert n * (n - 1) > MAX_DIRECTED_PAIRS
     text = (
         "3000 stars make 8997000 directed pairs up to 5 deg, more than 8000000: "
-        "lower the limiting magnitude or the largest pair separation"
+        "set max_separation_deg to 4.6 or less (0 = automatic), or lower limiting_magnitude"
     )
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         PairTable.build(random_catalog(n, 1e-3, 8), np.radians(5))
+
+
+def test_the_separation_that_is_named_instead_is_small_enough():
+    """The sky to V = 8, whose pairs go with the area but for the Milky Way."""
+    catalog = StarCatalog.hipparcos(limiting_magnitude=8.0)
+    with pytest.raises(ValueError, match="more than 8000000") as refused:
+        PairTable.build(catalog, np.radians(12.0))
+    named_deg = float(re.search(r"max_separation_deg to ([0-9.]+) or", str(refused.value))[1])
+    assert named_deg == pytest.approx(7.3, abs=0.3)
+    tree = cKDTree(catalog.vectors)
+    directed = tree.count_neighbors(tree, float(chord(np.radians(named_deg)))) - len(catalog)
+    assert 0.9 * MAX_DIRECTED_PAIRS < directed <= MAX_DIRECTED_PAIRS
 
 
 @pytest.mark.parametrize(
     ("value", "shown"), [(0.4, "0.4"), (30.5, "30.5"), (-12.0, "-12"), (float("nan"), "nan")]
 )
 def test_a_largest_separation_out_of_range_is_refused(value, shown):
-    text = f"max_separation_deg {shown} is outside of 0.5 to 30"
+    text = f"max_separation_deg {shown} is outside of 0.5 to 30 (0 = automatic)"
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         FeatureDatabase.build(catalog_of(A=(0, 0), B=(1, 0)), max_separation_deg=value)

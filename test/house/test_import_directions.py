@@ -23,7 +23,7 @@ CORE = STAGES | {"solution", "frame_solution", "tracker", "any_camera"}
 MAY = {
     "geometry": set(),
     "optics": {"geometry"},
-    "catalogue": {"geometry"},
+    "catalogue": {"geometry", "optics"},
     "attitude": {"geometry"},
     "identification": {"geometry", "optics", "catalogue", "attitude"},
     "solution": STAGES,
