@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from star_tracker.identification.field import CAMERA_POLE
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.patterns import (
@@ -14,6 +13,7 @@ from star_tracker.catalogue.patterns import (
 )
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation, unit_vectors
+from star_tracker.identification.fallback import CAMERA_POLE
 
 SETTINGS = PatternSettings()
 STAR = unit_vectors(1.0, 0.4)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from engine_bench import EngineBench
 from scipy.integrate import quad
 from scipy.special import comb
 from scipy.stats import invgamma, norm
@@ -11,10 +12,11 @@ from scipy.stats import invgamma, norm
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.identification.cells import MatchGroupSettings
-from star_tracker.identification.evidence import brightness, evidence, strongest
+from star_tracker.identification.evidence import brightness, evidence
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.optics.camera import Camera
-from star_tracker.tracker import SolveSettings, StarTracker
+from star_tracker.solution import SolveSettings
+from star_tracker.tracker import StarTracker
 
 CAMERA = Camera.from_fov(12, 512, 512)
 OBLONG = Camera(800, 300, 900.0, 1100.0, 400, 150)
@@ -53,14 +55,13 @@ def by_integration(camera, vectors, residual2, n, m, *, sigma_px=0.7, freedom=1.
 
 def frame_of(camera, n, seed):
     rng = np.random.default_rng(seed)
-    return camera.vectors(rng.random((n, 2)) * (camera.width_px, camera.height_px))
+    return rng.random((n, 2)) * (camera.width_px, camera.height_px)
 
 
-def chosen(camera, vectors, residual2, m, sigma_px=0.0):
+def chosen(camera, xy_px, residual2, m, sigma_px=0.0):
     """The number of matches that carry most evidence and its log10; stars 0, 1, ... match."""
-    k = len(residual2)
-    e = evidence(len(vectors) + m + k, sigma_px)
-    return strongest(e, vectors, np.arange(k), np.array(residual2), k, m, camera.optics)
+    bench = EngineBench(np.eye(3), camera, sigma_px=sigma_px)
+    return bench.strongest(xy_px, range(len(residual2)), residual2, m)
 
 
 # The formula
@@ -80,9 +81,10 @@ def chosen(camera, vectors, residual2, m, sigma_px=0.0):
 )
 def test_evidence_is_the_integral_over_pose_and_noise(camera, known_px, prior, size):
     n, m, k = size
-    vectors = frame_of(camera, n, n)
+    xy = frame_of(camera, n, n)
+    vectors = camera.vectors(xy)
     residual2 = np.full(k, 0.3 if known_px == 0 else known_px**2)
-    number, score = chosen(camera, vectors, residual2, m, known_px)
+    number, score = chosen(camera, xy, residual2, m, known_px)
     expected = {
         j: by_integration(camera, vectors[:j], residual2[:j], n, m, **prior)
         for j in {3, (3 + k) // 2, k, number}
@@ -95,10 +97,11 @@ def test_evidence_is_the_integral_over_pose_and_noise(camera, known_px, prior, s
 def test_as_many_matches_are_taken_as_carry_most_evidence(seed):
     """Some good ones and some that are off by many pixels."""
     rng = np.random.default_rng(seed)
-    vectors = frame_of(CAMERA, 20, seed)
+    xy = frame_of(CAMERA, 20, seed)
+    vectors = CAMERA.vectors(xy)
     good = int(rng.integers(3, 8))
     residual2 = np.sort(np.concatenate([rng.random(good), rng.uniform(500, 5000, 4)]))
-    k, score = chosen(CAMERA, vectors, residual2, 25)
+    k, score = chosen(CAMERA, xy, residual2, 25)
     expected = [
         by_integration(CAMERA, vectors[:j], residual2[:j], 20, 25)
         for j in range(3, good + 5)
@@ -110,17 +113,17 @@ def test_as_many_matches_are_taken_as_carry_most_evidence(seed):
 
 def test_evidence_of_perfect_matches_has_a_bound_from_the_typical_noise():
     """S = 0 is no certainty: sigma is as likely as anything to be larger."""
-    vectors = frame_of(CAMERA, 4, 1)
-    perfect, good = (chosen(CAMERA, vectors, [r] * 4, 4)[1] for r in (0.0, 0.01))
+    xy = frame_of(CAMERA, 4, 1)
+    perfect, good = (chosen(CAMERA, xy, [r] * 4, 4)[1] for r in (0.0, 0.01))
     assert good < perfect < good + 0.5
     assert math.isfinite(perfect)
 
 
 def test_evidence_grows_with_matches_and_falls_with_residuals_and_with_false_stars():
-    vectors = frame_of(CAMERA, 30, 2)
+    xy = frame_of(CAMERA, 30, 2)
 
     def score(k, n, m, residual_px):
-        return chosen(CAMERA, vectors[:n], [residual_px**2] * k, m)[1]
+        return chosen(CAMERA, xy[:n], [residual_px**2] * k, m)[1]
 
     by_matches = [score(k, 12, 12, 0.5) for k in range(3, 13)]
     assert np.all(np.diff(by_matches) > 0)
@@ -136,23 +139,23 @@ def test_stars_on_a_wide_base_say_less_than_a_cluster_because_they_fit_fewer_pos
     """det M is larger by the square of the ratio of the spreads: half of its log10."""
     small = np.array([(250.0, 250), (262, 250), (250, 262), (262, 262)])
     wide = 256 + 12 * (small - 256)
-    results = [chosen(CAMERA, CAMERA.vectors(xy), [0.1] * 4, 4)[1] for xy in (small, wide)]
+    results = [chosen(CAMERA, xy, [0.1] * 4, 4)[1] for xy in (small, wide)]
     assert results[0] - results[1] == pytest.approx(math.log10(12), abs=0.02)
 
 
 def test_known_noise_makes_the_residuals_that_belong_to_it_stronger():
-    vectors = frame_of(CAMERA, 5, 3)
+    xy = frame_of(CAMERA, 5, 3)
     small = [0.05**2] * 5
-    assert chosen(CAMERA, vectors, small, 5, 0.05)[1] > chosen(CAMERA, vectors, small, 5)[1]
+    assert chosen(CAMERA, xy, small, 5, 0.05)[1] > chosen(CAMERA, xy, small, 5)[1]
     # And those that do not belong to it far weaker.
     large = [3.0**2] * 5
-    assert chosen(CAMERA, vectors, large, 5, 0.05)[1] < chosen(CAMERA, vectors, large, 5)[1] - 3
+    assert chosen(CAMERA, xy, large, 5, 0.05)[1] < chosen(CAMERA, xy, large, 5)[1] - 3
 
 
 def test_more_matches_than_guide_stars_inside_are_possible_at_the_border():
     """A guide star just outside may match a centroid just inside: m is not less than k."""
-    vectors = frame_of(CAMERA, 6, 4)
-    outside, inside = (chosen(CAMERA, vectors, [0.2] * 5, m) for m in (3, 5))
+    xy = frame_of(CAMERA, 6, 4)
+    outside, inside = (chosen(CAMERA, xy, [0.2] * 5, m) for m in (3, 5))
     assert outside == inside
 
 

@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
+from engine_bench import EngineBench, Field
 from scipy.spatial.transform import Rotation
-from star_tracker.identification.field import Candidate, StarField
 
 from star_tracker.attitude.wahba import wahba
-from star_tracker.catalogue.sky_index import SkyIndex
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation
-from star_tracker.identification.evidence import evidence
-from star_tracker.identification.judge import Sky, Verified, verify
-from star_tracker.identification.labels import Identification, StarState, label
+from star_tracker.identification.fallback import Candidate
+from star_tracker.identification.labels import Identification, StarState
 from star_tracker.maps.simulation import random_rotation, uniform_noise
 from star_tracker.optics.camera import Camera
 
@@ -25,24 +23,14 @@ PLACES = np.array([
 UNIDENTIFIED, IDENTIFIED, DISPLACED = StarState
 
 
-def sky_at(xy_px, rotation=ROTATION):
+def sky_at(xy_px, rotation=ROTATION, *, gate_px=0.0):
     """A sky with a guide star for each place in the image of the camera at a rotation."""
-    vectors = CAMERA.vectors(xy_px) @ rotation.T
-    n = len(vectors)
-    return Sky(
-        SkyIndex.build(vectors), np.full(n, 4.0), CAMERA.optics, CAMERA.radius_rad,
-        evidence(n + 1000, 0.0),
-    )
-
-
-def field_at(xy_px):
-    return StarField.from_pixels(CAMERA, np.asarray(xy_px, float))
+    return EngineBench(CAMERA.vectors(xy_px) @ rotation.T, CAMERA, displaced_gate_px=gate_px)
 
 
 def labelled(guides, observed, *, gate_px=40.0):
     """Label a frame at the true rotation."""
-    verified = Verified(ROTATION, -10.0, 2.0)
-    return label(sky_at(guides), field_at(observed), verified, gate_px)[0]
+    return sky_at(guides, gate_px=gate_px).label(observed, ROTATION)[0]
 
 
 def test_states_are_the_numbers_that_messages_carry():
@@ -98,9 +86,8 @@ def test_two_guide_stars_at_one_centroid_are_matched_one_to_one():
 
 def test_residuals_are_distances_in_pixels_from_the_predicted_places():
     observed = PLACES + np.random.default_rng(7).normal(0, 0.5, (10, 2))
-    verified = Verified(ROTATION, -10.0, 2.0)
-    found, rotation = label(sky_at(PLACES), field_at(observed), verified, 0.0)
-    places = CAMERA.pixels(sky_at(PLACES).guides.vectors @ rotation)
+    found, rotation = sky_at(PLACES).label(observed, ROTATION)
+    places = CAMERA.pixels(sky_at(PLACES).vectors @ rotation)
     np.testing.assert_allclose(
         found.residual_px, np.linalg.norm(places - observed, axis=1), rtol=1e-9
     )
@@ -110,14 +97,12 @@ def test_residuals_are_distances_in_pixels_from_the_predicted_places():
 def test_the_final_rotation_is_fitted_to_all_identified_stars(off_rad):
     """From 2.4 px away and less, by linear least squares: an error of second order is left."""
     observed = PLACES + np.random.default_rng(8).normal(0, 0.5, (10, 2))
-    sky, field = sky_at(PLACES), field_at(observed)
-    fitted = wahba(field.vectors, sky.guides.vectors[field.frame.row])
+    sky = sky_at(PLACES)
+    fitted = wahba(CAMERA.vectors(observed), sky.vectors)
     start = fitted @ Rotation.from_rotvec([off_rad, 0, 0]).as_matrix()
-    verified = Verified(start.copy(), -10.0, 2.0)
-    found, rotation = label(sky, field, verified, 0.0)
+    found, rotation = sky.label(observed, start)
     assert (found.state == IDENTIFIED).all()
     np.testing.assert_allclose(rotation, fitted, atol=2 * off_rad**2 + 1e-13)
-    np.testing.assert_array_equal(verified.rotation, start)
 
 
 @pytest.mark.parametrize(
@@ -140,10 +125,9 @@ def test_the_gate_follows_the_noise_of_the_frame(noise_px, off_px, state):
 
 def test_wrong_members_of_a_hypothesis_get_their_right_labels():
     observed = PLACES + np.random.default_rng(2).normal(0, 0.2, (10, 2))
-    sky, field = sky_at(PLACES), field_at(observed)
     exchanged = np.array([0, 1, 2, 3, 4, 5, 6, 7, 9, 8])
-    candidate = Candidate(np.argsort(field.frame.row), exchanged, 12.0)
-    found, _ = label(sky, field, verify(sky, field, candidate), 0.0)
+    candidate = Candidate(np.argsort(Field.at(CAMERA, observed).frame.row), exchanged, 12.0)
+    found, _ = sky_at(PLACES).judge_and_label(observed, candidate)
     np.testing.assert_array_equal(found.catalog_index, np.arange(10))
 
 
@@ -232,10 +216,9 @@ def test_many_free_guide_stars_make_chance_likely_too():
 
 
 def test_a_displaced_star_has_no_say_in_the_attitude():
-    verified = Verified(ROTATION, -10.0, 2.0)
-    _, rotation = label(sky_at(PLACES), field_at(moved(4, (20, 10))), verified, 40.0)
-    others = np.delete(PLACES, 4, axis=0)
-    _, without = label(sky_at(PLACES), field_at(others), verified, 40.0)
+    sky, others = sky_at(PLACES, gate_px=40.0), np.delete(PLACES, 4, axis=0)
+    _, rotation = sky.label(moved(4, (20, 10)), ROTATION)
+    _, without = sky.label(others, ROTATION)
     np.testing.assert_allclose(rotation, without, atol=1e-13)
 
 
@@ -250,8 +233,8 @@ def test_labelling_works_at_any_attitude():
     rng = np.random.default_rng(11)
     for _ in range(50):
         rotation = random_rotation(rng)
-        sky, field = sky_at(PLACES, rotation), field_at(PLACES)
-        candidate = Candidate(np.argsort(field.frame.row)[:4], np.arange(4), 2.0)
-        found, fitted = label(sky, field, verify(sky, field, candidate), 40.0)
+        place = np.argsort(Field.at(CAMERA, PLACES).frame.row)
+        candidate = Candidate(place[:4], np.arange(4), 2.0)
+        found, fitted = sky_at(PLACES, rotation).judge_and_label(PLACES, candidate)
         np.testing.assert_array_equal(found.catalog_index, np.arange(10))
         assert separation(fitted[:, 2], rotation[:, 2]) < 1e-9

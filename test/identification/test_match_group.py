@@ -4,19 +4,23 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from star_tracker.identification.field import StarField
+from engine_bench import Field, pairs_of
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.pairs import PairTable
+from star_tracker.catalogue.sky_index import SkyIndex
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import ra_dec, separation, unit_vectors
 from star_tracker.identification.cells import (
     MatchGroupSettings,
     best_cells,
+    empty_room,
     members,
     triangle_check,
 )
+from star_tracker.identification.evidence import EXACT
+from star_tracker.identification.plan import levels
 from star_tracker.identification.votes import (
     cast,
     choose_rows,
@@ -25,7 +29,6 @@ from star_tracker.identification.votes import (
     empty_votes,
     look_around,
     threshold_for,
-    vote_counts,
 )
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
@@ -64,7 +67,7 @@ def view(database, rotation, camera=CAMERA):
     index = np.flatnonzero(database.catalog.vectors @ rotation[:, 2] > 0.9)
     xy = camera.pixels(database.catalog.vectors[index] @ rotation)
     inside = camera.contains(xy)
-    field = StarField.from_pixels(camera, xy[inside])
+    field = Field.at(camera, xy[inside])
     return field, index[inside][field.frame.row]
 
 
@@ -77,33 +80,30 @@ class Found(NamedTuple):
     catalog: np.ndarray
 
 
-def vote(database, field, main, *, tolerance_px=2.0, companions=20, threshold=2, plain=False):
-    """Let the companions of a main star vote: the votes, companions that did, cells reached."""
-    votes = empty_votes(*vote_counts(len(database.catalog)), companions)
+def vote(database, field, main, *, tolerance_px=2.0, companions=20, threshold=2):
+    """Let the companions of a main star vote: the votes, and how many companions did."""
+    votes = empty_votes(len(database.catalog), companions)
     n = look_around(field.frame, main, companions, votes)
     tolerance = tolerance_px / field.camera.focal_length_px
-    end, _ = choose_rows(database.pairs, votes, 0, n, tolerance)
-    reached = cast(database.pairs, votes, 0, end, threshold, plain, 0)
-    return votes, end, reached
+    pairs = pairs_of(database.pairs)
+    end, _ = choose_rows(pairs, votes, 0, n, tolerance)
+    cast(pairs, votes, 0, end, threshold)
+    return votes, end
 
 
-def proposed(database, field, main, *, tolerance_px=2.0, cells=48, plain=False, **options):
+def proposed(database, field, main, *, tolerance_px=2.0, cells=48, **options):
     """The candidates of a main star, best cell first."""
-    votes, end, reached = vote(
-        database, field, main, tolerance_px=tolerance_px, plain=plain, **options
-    )
+    votes, end = vote(database, field, main, tolerance_px=tolerance_px, **options)
     tolerance = tolerance_px / field.camera.focal_length_px
-    room = np.empty(cells, np.int64), np.empty(cells, np.int64)
-    result = []
-    for at in range(best_cells(votes, 0, reached, *room)):
-        cell, score = int(room[0][at]), int(room[1][at])
-        observed, catalog = np.empty(65, np.int64), np.empty(65, np.int64)
-        k = members(database.pairs, votes, end, cell, tolerance, plain, observed, catalog)
-        vectors = database.catalog.vectors
-        k = triangle_check(field.frame, vectors, observed, catalog, k, tolerance)
+    pairs, room, result = pairs_of(database.pairs), empty_room(cells), []
+    for at in range(best_cells(votes, 0, votes.n_reached, room.cells, room.scores)):
+        cell, score = int(room.cells[at]), int(room.scores[at])
+        k = members(pairs, votes, end, cell, tolerance, room)
+        k = triangle_check(field.frame, database.sky_index, room, k, tolerance)
         if k >= 2:
-            observed[k], catalog[k] = main, cell // N_ROLLS
-            result.append(Found(cell, score, observed[: k + 1], catalog[: k + 1]))
+            room.observed[k], room.catalog[k] = main, cell // N_ROLLS
+            kept = room.observed[: k + 1].copy(), room.catalog[: k + 1].copy()
+            result.append(Found(cell, score, *kept))
     return result
 
 
@@ -128,13 +128,13 @@ def figure():
 
 
 def test_the_star_nearest_to_the_boresight_comes_first_from_the_centre():
-    field = StarField.from_pixels(CAMERA, np.array([(300.0, 256), (0, 0), (256, 250)]))
+    field = Field.at(CAMERA, np.array([(300.0, 256), (0, 0), (256, 250)]))
     assert field.frame.row[field.from_centre].tolist() == [2, 0, 1]
 
 
 def test_a_frame_goes_from_left_to_right_and_knows_the_rows_of_the_input():
     xy = np.random.default_rng(1).random((80, 2)) * 512
-    frame = StarField.from_pixels(CAMERA, xy).frame
+    frame = Field.at(CAMERA, xy).frame
     np.testing.assert_array_equal(frame.row, np.argsort(xy[:, 0]))
     np.testing.assert_allclose(frame.vectors, CAMERA.vectors(xy)[frame.row], rtol=1e-13)
     np.testing.assert_allclose(frame.plane_px, xy[frame.row] - 256, atol=1e-9)
@@ -146,16 +146,14 @@ def test_centroids_that_are_not_finite_or_far_outside_are_left_out():
     xy = np.array([
         (nan, 5.0), (500, 100), (5, inf), (-25, 9), (-26, 9), (100, 537), (100, 538), (7, -inf),
     ])
-    frame = StarField.from_pixels(CAMERA, xy).frame
-    assert frame.row.tolist() == [3, 5, 1]
-    assert not frame.lost
+    assert Field.at(CAMERA, xy).frame.row.tolist() == [3, 5, 1]
 
 
 def test_main_stars_with_the_nearest_companions_are_tried_first():
     """Two groups of four on squares of 40 px and 90 px, and one star far from all."""
     square = np.array([(0.0, 0), (1, 0), (0, 1), (1, 1)])
     xy = np.concatenate([300 + 90 * square, 60 + 40 * square, [(480.0, 20)]])
-    frame = StarField.from_pixels(CAMERA, xy).frame
+    frame = Field.at(CAMERA, xy).frame
     order = frame.row[frame.mains].tolist()
     assert set(order[:4]) == {4, 5, 6, 7}
     assert set(order[4:8]) == {0, 1, 2, 3}
@@ -167,7 +165,7 @@ def test_stars_too_close_together_count_as_if_they_were_15_px_apart():
     square = np.array([(0.0, 0), (1, 0), (0, 1), (1, 1)])
     for side, first in ((1.0, False), (10.0, False), (15.5, True)):
         xy = np.concatenate([300 + side * square, 100 + 15 * square * (1, 1.01)])
-        frame = StarField.from_pixels(CAMERA, xy).frame
+        frame = Field.at(CAMERA, xy).frame
         # Sums of distances to three: 45 px against 15 + 15.15 + 21.32 = 51.5 px.
         large = frame.row[frame.mains][4:] < 4
         assert large.all() == first
@@ -176,7 +174,7 @@ def test_stars_too_close_together_count_as_if_they_were_15_px_apart():
 def test_bright_main_stars_are_tried_before_faint_ones_of_the_same_figure():
     square = np.array([(0.0, 0), (50, 0), (0, 50), (50, 50)]) + 200
     intensity = np.array([1.0, 40.0, 300.0, 9.0])
-    frame = StarField.from_pixels(CAMERA, square, intensity).frame
+    frame = Field.at(CAMERA, square, intensity).frame
     assert frame.row[frame.mains].tolist() == [2, 1, 3, 0]
     np.testing.assert_allclose(frame.magnitude, -2.5 * np.log10(intensity[frame.row]))
 
@@ -184,20 +182,20 @@ def test_bright_main_stars_are_tried_before_faint_ones_of_the_same_figure():
 def test_intensities_that_mean_nothing_are_unknown():
     xy = np.column_stack([np.arange(6.0) * 50, np.full(6, 80.0)])
     intensity = np.array([100.0, 0.0, -3.0, np.nan, np.inf, 1.0])
-    magnitude = StarField.from_pixels(CAMERA, xy, intensity).frame.magnitude
+    magnitude = Field.at(CAMERA, xy, intensity).frame.magnitude
     np.testing.assert_allclose(magnitude, [-5, np.nan, np.nan, np.nan, np.nan, 0])
-    assert len(StarField.from_pixels(CAMERA, xy).frame.magnitude) == 0
+    assert not Field.at(CAMERA, xy).frame.has_brightness
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3, 40])
 def test_each_star_is_a_main_star_once(n):
-    frame = StarField.from_pixels(CAMERA, np.random.default_rng(n).random((n, 2)) * 512).frame
+    frame = Field.at(CAMERA, np.random.default_rng(n).random((n, 2)) * 512).frame
     assert sorted(frame.mains.tolist()) == list(range(n))
 
 
 def test_neighbours_are_the_nearest_other_stars_in_order():
     """At the image's middle: one star 10 px to the right, one 20 px up, one 30 px to the left."""
-    field = StarField.from_pixels(
+    field = Field.at(
         CAMERA, np.array([(226.0, 256), (256, 256), (256, 236), (266, 256)])
     )
     index, apart, angle = field.neighbours(1, 20)
@@ -211,7 +209,7 @@ def test_neighbours_are_the_nearest_other_stars_in_order():
 def test_a_field_keeps_undistorted_pixels_with_y_down():
     lens = Distortion("plumb_bob", (-0.2, 0.0, 0.0, 0.0, 0.0))
     camera = Camera(512, 512, 400.0, 400.0, 250, 260, "mirrored", lens)
-    field = StarField.from_pixels(camera, np.array([(350.0, 400.0)]))
+    field = Field.at(camera, np.array([(350.0, 400.0)]))
     np.testing.assert_allclose(field.vectors, camera.vectors([(350.0, 400.0)]))
     plane = field.vectors[:, :2] / field.vectors[:, 2:]
     np.testing.assert_allclose(field.frame.plane_px, 400 * plane)
@@ -223,8 +221,8 @@ def test_a_field_keeps_undistorted_pixels_with_y_down():
 
 @pytest.mark.parametrize("most", [1, 3, 8, 40])
 def test_companions_are_the_nearest_stars_in_order(most):
-    field = StarField.from_pixels(CAMERA, np.random.default_rng(most).random((25, 2)) * 512)
-    votes = empty_votes(*vote_counts(1), most)
+    field = Field.at(CAMERA, np.random.default_rng(most).random((25, 2)) * 512)
+    votes = empty_votes(1, most)
     for main in range(25):
         n = look_around(field.frame, main, most, votes)
         index, apart, angle = field.neighbours(main, most)
@@ -236,8 +234,8 @@ def test_companions_are_the_nearest_stars_in_order(most):
 
 @pytest.mark.parametrize("n", [1, 2])
 def test_few_stars_have_few_companions(n):
-    field = StarField.from_pixels(CAMERA, np.array([(100.0, 100), (130, 90)])[:n])
-    votes = empty_votes(*vote_counts(1), 20)
+    field = Field.at(CAMERA, np.array([(100.0, 100), (130, 90)])[:n])
+    votes = empty_votes(1, 20)
     assert look_around(field.frame, 0, 20, votes) == n - 1
 
 
@@ -250,12 +248,12 @@ def test_votes_are_the_pairs_whose_separation_fits(figure):
     catalog = figure.catalog.vectors
     guide = separation(catalog[:, None], catalog[None])
     guide = guide[(guide > 0) & (guide <= np.radians(12))]
-    votes = empty_votes(*vote_counts(len(catalog)), 20)
+    votes, pairs = empty_votes(len(catalog), 20), pairs_of(figure.pairs)
     for tolerance_px in (2.0, 6.0, 30.0):
         tolerance = tolerance_px / CAMERA.focal_length_px
         for main in range(len(field)):
             n = look_around(field.frame, main, 20, votes)
-            end, total = choose_rows(figure.pairs, votes, 0, n, tolerance)
+            end, total = choose_rows(pairs, votes, 0, n, tolerance)
             assert end == n == len(FIGURE) - 1
             observed = np.delete(separation(field.vectors, field.vectors[main]), main)
             fits = np.abs(guide[None] - observed[:, None]) <= tolerance
@@ -267,10 +265,10 @@ def synthetic_table(separation_rad, main_azimuth, max_separation_rad):
     bin_rad = np.radians(0.01)
     edges = np.arange(int(max_separation_rad / bin_rad) + 3) * bin_rad
     none = np.zeros(2, np.int64)
-    return PairTable(
+    return pairs_of(PairTable(
         separation_rad, main_azimuth, np.searchsorted(separation_rad, edges), none,
         np.zeros(0, np.float32), np.zeros(0, np.uint8), np.zeros(0, np.int32), max_separation_rad,
-    )
+    ))
 
 
 @pytest.mark.parametrize(
@@ -284,7 +282,7 @@ def synthetic_table(separation_rad, main_azimuth, max_separation_rad):
 )
 def test_a_deep_catalogue_needs_few_companions(rows, begin, expected):
     pairs = synthetic_table(np.full(rows, 0.1, np.float32), np.zeros(rows, np.int32), 0.2)
-    votes = empty_votes(*vote_counts(1), 12)
+    votes = empty_votes(1, 12)
     votes.separation[:] = 0.1
     assert choose_rows(pairs, votes, begin, 12, 1e-3) == expected
 
@@ -298,7 +296,7 @@ def rows_at_random(rng, n_stars, n_companions, most):
     main = rng.integers(0, n_stars, n_rows)
     coded = (main * 256 + rng.integers(0, 256, n_rows)).astype(np.int32)
     pairs = synthetic_table(np.linspace(0, 0.1, n_rows, dtype=np.float32), coded, 0.1)
-    votes = empty_votes(*vote_counts(n_stars), n_companions)
+    votes = empty_votes(n_stars, n_companions)
     votes.azimuth[:] = rng.integers(0, 256, n_companions)
     votes.first[:] = rng.integers(0, n_rows - most, n_companions)
     votes.last[:] = votes.first + rng.integers(0, most + 1, n_companions)
@@ -324,9 +322,9 @@ def test_counts_agree_with_numpy_for_random_rows(seed):
     most = min(1500, 16 + 350 * n_stars // n_companions)
     pairs, votes = rows_at_random(rng, n_stars, n_companions, most)
     half = n_companions // 2
-    cast(pairs, votes, 0, half, 4, False, 0)
+    cast(pairs, votes, 0, half, 4)
     np.testing.assert_array_equal(counts(votes), naive_counts(pairs, votes, 0, half))
-    cast(pairs, votes, half, n_companions, 4, False, 0)
+    cast(pairs, votes, half, n_companions, 4)
     expected = naive_counts(pairs, votes, 0, n_companions)
     assert 3 < expected.max() < 64
     np.testing.assert_array_equal(counts(votes), expected)
@@ -337,7 +335,7 @@ def test_a_count_goes_up_to_63():
     pairs.main_azimuth[:] = 0
     votes.azimuth[:], votes.last[:] = 4, votes.first + 1  # the roll before the last but one
     for n in range(63):
-        cast(pairs, votes, n, n + 1, 2, False, 0)
+        cast(pairs, votes, n, n + 1, 2)
         assert count_of(votes, 63) == count_of(votes, 0) == n + 1
     assert counts(votes).sum() == 126
 
@@ -350,19 +348,21 @@ def test_cells_that_reach_the_threshold_are_remembered_once(threshold):
     # 64 cells a star, two of them for each vote: the mean is just above the threshold.
     n_companions = 40
     pairs, votes = rows_at_random(rng, 3, n_companions, 6 * threshold)
-    reached = cast(pairs, votes, 0, n_companions, threshold, False, 0)
+    cast(pairs, votes, 0, n_companions, threshold)
     expected = naive_counts(pairs, votes, 0, n_companions)
     assert expected.max() < 64
     wanted = np.flatnonzero(expected >= threshold)
     assert 0 < len(wanted) < expected.size
-    assert sorted(votes.reached[:reached].tolist()) == wanted.tolist()
+    assert sorted(votes.reached[: votes.n_reached].tolist()) == wanted.tolist()
 
 
 def test_cells_of_a_second_batch_follow_those_of_the_first():
     pairs, votes = rows_at_random(np.random.default_rng(30), 4, 20, 60)
-    first = cast(pairs, votes, 0, 10, 4, False, 0)
+    cast(pairs, votes, 0, 10, 4)
+    first = votes.n_reached
     before = votes.reached[:first].tolist()
-    both = cast(pairs, votes, 10, 20, 4, False, first)
+    cast(pairs, votes, 10, 20, 4)
+    both = votes.n_reached
     assert votes.reached[:first].tolist() == before
     assert 0 < first < both
     expected = np.flatnonzero(naive_counts(pairs, votes, 0, 20) >= 4)
@@ -371,77 +371,36 @@ def test_cells_of_a_second_batch_follow_those_of_the_first():
 
 def test_more_cells_than_there_is_room_for_are_forgotten():
     pairs, votes = rows_at_random(np.random.default_rng(31), 40, 40, 1500)
-    reached = cast(pairs, votes, 0, 40, 2, False, 0)
+    cast(pairs, votes, 0, 40, 2)
     expected = naive_counts(pairs, votes, 0, 40)
     assert np.count_nonzero(expected >= 2) > 1024
-    assert reached == len(votes.reached) == 1024
+    assert votes.n_reached == len(votes.reached) == 1024
     assert all(expected.flat[cell] >= 2 for cell in votes.reached)
     np.testing.assert_array_equal(counts(votes), expected)
 
 
 @pytest.mark.parametrize("most", [20, 1500])
-@pytest.mark.parametrize("plain", [False, True])
-def test_votes_are_cleared(most, plain):
+def test_votes_are_cleared(most):
     """With few and with more stars that have high digits than are remembered."""
     pairs, votes = rows_at_random(np.random.default_rng(32), 30, 40, most)
-    cast(pairs, votes, 0, 40, 3, plain, 0)
+    cast(pairs, votes, 0, 40, 3)
     assert votes.low.any()
     assert votes.high.any() or most == 20
     clear(votes)
     assert not votes.low.any()
     assert not votes.high.any()
-    assert votes.n_carried[0] == 0
+    assert votes.n_carried == votes.n_reached == 0
 
 
 def test_votes_after_a_clearing_are_those_of_the_next_star_only(figure):
     field, _ = view(figure, rotation_to(56.9, 24.1))
-    votes = empty_votes(*vote_counts(len(figure.catalog)), 20)
+    votes, pairs = empty_votes(len(figure.catalog), 20), pairs_of(figure.pairs)
     for main in range(len(field)):
         n = look_around(field.frame, main, 20, votes)
-        end, _ = choose_rows(figure.pairs, votes, 0, n, 0.001)
-        cast(figure.pairs, votes, 0, end, 3, False, 0)
-        np.testing.assert_array_equal(counts(votes), naive_counts(figure.pairs, votes, 0, end))
+        end, _ = choose_rows(pairs, votes, 0, n, 0.001)
+        cast(pairs, votes, 0, end, 3)
+        np.testing.assert_array_equal(counts(votes), naive_counts(pairs, votes, 0, end))
         clear(votes)
-
-
-# Plain flags
-
-
-def test_a_plain_flag_is_raised_once_for_each_companion():
-    """Stars 0 to 2; the companions' rows are of stars 0 0 1, then 0 1 1, then 2."""
-    main = np.array([0, 0, 1, 0, 1, 1, 2])
-    coded = (main * 256 + np.array([0, 100, 3, 255, 252, 9, 9])).astype(np.int32)
-    pairs = synthetic_table(np.linspace(0, 0.1, 7, dtype=np.float32), coded, 0.1)
-    votes = empty_votes(*vote_counts(3), 3)
-    votes.azimuth[:] = 17, 40, 200
-    votes.first[:], votes.last[:] = (0, 3, 6), (3, 6, 7)
-    reached = cast(pairs, votes, 0, 3, 2, True, 0)
-    assert counts(votes)[:, 0].tolist() == [2, 2, 1]
-    assert counts(votes)[:, 1:].max() == 0
-    assert votes.reached[:reached].tolist() == [0, N_ROLLS]
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_plain_flags_agree_with_numpy_for_random_rows(seed):
-    rng = np.random.default_rng(seed)
-    pairs, votes = rows_at_random(rng, 30, 40, 30)
-    reached = cast(pairs, votes, 0, 40, 2, True, 0)
-    flags = np.zeros(30, int)
-    for first, last in zip(votes.first, votes.last, strict=True):
-        flags[np.unique(pairs.main_azimuth[first:last] // 256)] += 1
-    assert flags.max() > 15
-    np.testing.assert_array_equal(counts(votes)[:, 0], flags)
-    expected = N_ROLLS * np.flatnonzero(flags >= 2)
-    assert sorted(votes.reached[:reached].tolist()) == expected.tolist()
-
-
-def test_plain_flags_find_the_stars_too(figure):
-    field, truth = view(figure, rotation_to(56.9, 24.1, 70.0))
-    for main in range(len(field)):
-        best = proposed(figure, field, main, plain=True)[0]
-        named = dict(zip(best.observed.tolist(), best.catalog.tolist(), strict=True))
-        assert named[main] == truth[main]
-        assert best.score == len(FIGURE) - 1
 
 
 # Thresholds
@@ -476,7 +435,7 @@ def test_the_threshold_grows_with_the_votes(n_stars):
 
 def votes_with(n_stars, **cells):
     """Votes with counts for cells, given as s2r63=5 for star 2 and roll 63, all reached."""
-    votes = empty_votes(*vote_counts(n_stars), 1)
+    votes = empty_votes(n_stars, 1)
     for at, (name, count) in enumerate(cells.items()):
         star, roll = map(int, name[1:].split("r"))
         for digit in range(6):
@@ -565,7 +524,7 @@ def test_votes_fall_into_the_cell_of_the_cameras_roll(roll_bin):
     database = database_of(FIGURE)
     hub = list(FIGURE).index("Hub")
     field, truth = view(database, rotation_to(*FIGURE["Hub"], (roll_bin + 0.5) * 360 / N_ROLLS))
-    votes, _, _ = vote(database, field, truth.tolist().index(hub))
+    votes, _ = vote(database, field, truth.tolist().index(hub))
     found = counts(votes)[hub]
     assert found[roll_bin] == found[(roll_bin + 1) % N_ROLLS] == len(FIGURE) - 1
 
@@ -580,7 +539,7 @@ def test_a_known_pair_votes_for_two_known_cells():
     field, truth = view(database, rotation_to(11.0, 0.0, 91.5))
     assert sorted(truth.tolist()) == [0, 1]
     for main, star in enumerate(truth.tolist()):
-        votes, end, _ = vote(database, field, main)
+        votes, end = vote(database, field, main)
         assert end == 1
         expected = np.zeros((3, N_ROLLS), int)
         # The pair fits in both directions: for the other star half a turn away.
@@ -638,20 +597,20 @@ def test_the_pleiades_are_told_from_a_large_figure_by_their_size():
 
 def test_a_mirror_image_of_the_sky_is_not_matched_whole(figure):
     field, _ = view(figure, rotation_to(56.9, 24.1))
-    mirrored = StarField.from_pixels(CAMERA, field.frame.plane_px * (1, -1) + 256)
+    mirrored = Field.at(CAMERA, field.frame.plane_px * (1, -1) + 256)
     found = [one for main in range(len(field)) for one in proposed(figure, mirrored, main)]
     assert all(len(set(one.observed.tolist())) < 5 for one in found)
 
 
 @pytest.mark.parametrize("n", [1, 2])
 def test_a_field_without_triangles_has_no_candidate(figure, n):
-    field = StarField.from_pixels(CAMERA, np.array([(100.0, 100), (130, 90)])[:n])
+    field = Field.at(CAMERA, np.array([(100.0, 100), (130, 90)])[:n])
     assert proposed(figure, field, 0) == []
 
 
 def test_stars_that_resemble_no_pair_have_no_candidate(figure):
     """Three stars less than 0.02 deg apart."""
-    field = StarField.from_pixels(CAMERA, np.array([(256.0, 256), (256.5, 256), (256, 256.4)]))
+    field = Field.at(CAMERA, np.array([(256.0, 256), (256.5, 256), (256, 256.4)]))
     for main in range(3):
         assert proposed(figure, field, main) == []
 
@@ -669,41 +628,38 @@ def test_only_the_nearest_companions_vote(figure):
 
 def test_a_cell_has_as_many_members_as_votes(figure):
     field, _ = view(figure, rotation_to(56.9, 24.1, 18.0))
-    tolerance_px = 25.0
-    observed, catalog = np.empty(65, np.int64), np.empty(65, np.int64)
+    tolerance_px, pairs, room = 25.0, pairs_of(figure.pairs), empty_room(1)
     for main in range(len(field)):
-        votes, end, _ = vote(figure, field, main, tolerance_px=tolerance_px)
+        votes, end = vote(figure, field, main, tolerance_px=tolerance_px)
         found = counts(votes)
         assert found.max() >= len(FIGURE) - 1
         for cell in range(found.size):
-            k = members(
-                figure.pairs, votes, end, cell, tolerance_px / CAMERA.focal_length_px, False,
-                observed, catalog,
-            )
+            k = members(pairs, votes, end, cell, tolerance_px / CAMERA.focal_length_px, room)
             assert k == found.flat[cell]
             star = figure.catalog.vectors[cell // N_ROLLS]
-            guide = separation(figure.catalog.vectors[catalog[:k]], star)
-            image = separation(field.vectors[observed[:k]], field.vectors[main])
+            guide = separation(figure.catalog.vectors[room.catalog[:k]], star)
+            image = separation(field.vectors[room.observed[:k]], field.vectors[main])
             assert np.all(np.abs(guide - image) < tolerance_px / CAMERA.focal_length_px + 1e-7)
 
 
 def test_no_more_than_64_members_are_looked_at():
-    """80 guide stars stand on a circle of 2 deg about the main star: all fit one companion."""
-    angle = np.linspace(0, 2 * np.pi, 80, endpoint=False)
+    """80 guide stars stand on 10 deg of a circle about the main star: all fit one companion."""
+    angle = np.linspace(0, np.radians(2.5), 80, endpoint=False)
     ring = {
         f"R{i}": (40 + 2 * np.cos(a), 2 * np.sin(a)) for i, a in enumerate(angle.tolist())
     }
     database = database_of({"Hub": (40.0, 0.0)}, ring)
-    field = StarField.from_pixels(CAMERA, np.array([(256.0, 256), (256, 171)]))
+    field = Field.at(CAMERA, np.array([(256.0, 256), (256, 171)]))
     tolerance_px = 20.0
-    votes, end, _ = vote(database, field, 0, tolerance_px=tolerance_px)
-    observed, catalog = np.full(65, -1), np.full(65, -1)
+    votes, end = vote(database, field, 0, tolerance_px=tolerance_px)
+    room = empty_room(1)
+    room.observed[:], room.catalog[:] = -1, -1
+    cell = int(np.argmax(counts(votes)[0]))  # of the main star
     k = members(
-        database.pairs, votes, end, 0, tolerance_px / CAMERA.focal_length_px, True, observed,
-        catalog,
+        pairs_of(database.pairs), votes, end, cell, tolerance_px / CAMERA.focal_length_px, room
     )
     assert k == 64
-    assert (observed[64], catalog[64]) == (-1, -1)
+    assert (room.observed[64], room.catalog[64]) == (-1, -1)
 
 
 # The triangle check
@@ -711,17 +667,18 @@ def test_no_more_than_64_members_are_looked_at():
 
 def checked(field, vectors, observed, catalog, *, tolerance_px=1.0):
     """The members kept by the check."""
-    o, c = np.array(observed), np.array(catalog)
+    room, n = empty_room(1), len(observed)
+    room.observed[:n], room.catalog[:n] = observed, catalog
     tolerance = tolerance_px / field.camera.focal_length_px
-    k = triangle_check(field.frame, vectors, o, c, len(o), tolerance)
-    return list(zip(o[:k].tolist(), c[:k].tolist(), strict=True))
+    k = triangle_check(field.frame, SkyIndex.build(vectors), room, n, tolerance)
+    return list(zip(room.observed[:k].tolist(), room.catalog[:k].tolist(), strict=True))
 
 
 @pytest.fixture(scope="module")
 def triangle():
     """Five stars of an image, from left to right, and five guide stars in the same places."""
     xy = np.array([(60.0, 100), (150, 300), (220, 90), (330, 410), (450, 260)])
-    field = StarField.from_pixels(CAMERA, xy)
+    field = Field.at(CAMERA, xy)
     return field, CAMERA.vectors(xy) @ rotation_to(30.0, -20.0, 50.0).T
 
 
@@ -760,7 +717,7 @@ def test_a_star_that_is_a_member_twice_over_does_not_agree_with_itself(triangle)
 @pytest.mark.parametrize(("tolerance_px", "kept"), [(2.8, 0), (3.2, 2)])
 def test_the_tolerance_is_of_the_separation(triangle, tolerance_px, kept):
     """A star 3 px farther from another, along the line between them, at the image's middle."""
-    field = StarField.from_pixels(CAMERA, np.array([(226.0, 256), (289, 256)]))
+    field = Field.at(CAMERA, np.array([(226.0, 256), (289, 256)]))
     vectors = CAMERA.vectors([(226.0, 256), (286, 256)])
     assert len(checked(field, vectors, [0, 1], [0, 1], tolerance_px=tolerance_px)) == kept
 
@@ -785,7 +742,7 @@ def test_the_triangle_check_leaves_out_a_companion_that_only_fits_the_main_star(
     )
     assert change[main] == pytest.approx(0, abs=1e-9)
     assert np.all(np.delete(change, [main, corner]) > 0.5)
-    moved = StarField.from_pixels(CAMERA, CAMERA.pixels(vectors))
+    moved = Field.at(CAMERA, CAMERA.pixels(vectors))
     row = moved.frame.row
     (found,) = proposed(
         database, moved, row.tolist().index(main), tolerance_px=0.5, cells=1
@@ -794,20 +751,21 @@ def test_the_triangle_check_leaves_out_a_companion_that_only_fits_the_main_star(
     np.testing.assert_array_equal(found.catalog, truth[row[found.observed]])
 
 
-# Settings
+# The levels of a search
 
 
 def test_the_full_search_tries_the_tolerances_in_turn():
-    settings = MatchGroupSettings((1.0, 3.0), companions=9, quick=False)
-    np.testing.assert_array_equal(settings.levels, [(1, 9, np.inf, 9), (3, 9, np.inf, 9)])
+    found = levels(MatchGroupSettings((1.0, 3.0), companions=9, quick=False), EXACT)
+    assert found["tolerance_px"].tolist() == [1, 3]
+    assert found["companions"].tolist() == found["batch"].tolist() == [9, 9]
+    assert not found["by_shape"].any()
 
 
 @pytest.mark.parametrize(("tolerances", "second"), [((2.0,), 2), ((2.0, 6.0, 12.0), 6)])
 def test_a_short_search_comes_before_the_full_one(tolerances, second):
-    levels = MatchGroupSettings(tolerances).levels
-    assert levels.shape == (3 + len(tolerances), 4)
-    assert levels[:3, 0].tolist() == [2, 2, second]
-    assert np.isfinite(levels[:3]).all()
-    np.testing.assert_array_equal(levels[3:, 0], tolerances)
+    found = levels(MatchGroupSettings(tolerances), EXACT)
+    assert len(found) == 3 + len(tolerances)
+    assert found["tolerance_px"].tolist() == [2, 2, second, *tolerances]
+    assert np.all(found["mains"][:3] < 10)
     # The votes of all batches have room.
-    assert np.all(levels[:, 3] <= levels[:, 1])
+    assert np.all(found["batch"] <= found["companions"])

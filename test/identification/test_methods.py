@@ -10,17 +10,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from star_tracker import tracker as tracker_module
+from star_tracker import frame_solution
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.spherical import separation
-from star_tracker.identification import path as path_module
+from star_tracker.identification import escalation, searcher
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.fallback import RadialCyclicSettings
 from star_tracker.maps.simulation import random_rotation, synthetic_field, uniform_noise
-from star_tracker.maps.star_map import paper_maps
 from star_tracker.optics.camera import Camera
-from star_tracker.tracker import SolveSettings, StarTracker, Status
+from star_tracker.solution import SolveSettings, Status
+from star_tracker.tracker import StarTracker
 
 CAMERA = Camera.from_fov(12, 512, 512)
 #: A frame of 15 stars and 8 px noise that the primary misses and the fallback solves.
@@ -183,9 +183,9 @@ def clock_of_one_ms_a_look(monkeypatch):
     """A clock that advances by 1 ms whenever it is read: after each main star and candidate."""
     reading = itertools.count()
     clock = SimpleNamespace(perf_counter=lambda: next(reading) / 1e3)
-    for module in (tracker_module, path_module):
+    for module in (frame_solution, escalation, searcher):
         monkeypatch.setattr(module, "time", clock)
-    monkeypatch.setattr(tracker_module, "_WORK", 1.0)
+    monkeypatch.setattr(frame_solution, "_WORK", 1.0)
 
 
 @pytest.mark.usefixtures("clock_of_one_ms_a_look")
@@ -228,52 +228,6 @@ def test_both_parities_share_the_deadline(database, hard_frame):
     solution = tracker.solve(hard_frame.xy_px)
     assert solution.status is Status.TIMEOUT
     assert 1000 < solution.solve_ms <= 1010
-
-
-# The paper's forms
-
-
-#: As measured: what each form solves of the eight maps.
-OURS = [1, 2, 3, 4, 5, 6, 7, 8]
-FORMS = {
-    "directed votes": ("match_group", {}, OURS),
-    "likelihood": ("radial_cyclic", {}, OURS),
-    "plain votes": (
-        "match_group",
-        {"match_group": MatchGroupSettings(
-            pair_tolerance_px=(3.0,), cells=3, quick=False, voting="plain"
-        )},
-        [1, 2, 4, 7, 8],
-    ),
-    "plain votes, 48 of the highest judged": (
-        "match_group",
-        {"match_group": MatchGroupSettings(
-            pair_tolerance_px=(3.0,), cells=48, quick=False, voting="plain"
-        )},
-        OURS,
-    ),
-    "printed similarity": (
-        "radial_cyclic", {"radial_cyclic": RadialCyclicSettings(similarity="paper")},
-        [1, 2, 3, 6, 7, 8],
-    ),
-    "printed similarity, rings of one width": (
-        "radial_cyclic",
-        {"radial_cyclic": RadialCyclicSettings(ring_factors=(1,), similarity="paper")},
-        [1, 2, 3, 7, 8],
-    ),
-}
-
-
-@pytest.mark.parametrize(("method", "options", "expected"), FORMS.values(), ids=list(FORMS))
-def test_maps_that_the_papers_forms_and_ours_solve(database, method, options, expected):
-    """None is wrong: the shared verification judges the paper's forms too."""
-    found = []
-    for number, star_map in enumerate(paper_maps(), start=1):
-        solution = tracker_of(database, method, star_map.camera, **options).solve(star_map.xy_px)
-        if solution.status is Status.SOLVED:
-            found.append(number)
-            assert boresight_error_deg(solution, star_map.pose.rotation) < 0.05
-    assert found == expected
 
 
 # Through the node

@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from star_tracker.identification.path import Search
 
 from star_tracker.attitude.attitude import covariance
 from star_tracker.catalogue.catalog import StarCatalog
@@ -14,8 +13,10 @@ from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.cells import MatchGroupSettings
+from star_tracker.identification.ended import MIN_STARS
+from star_tracker.identification.engine import Results
 from star_tracker.identification.labels import StarState
-from star_tracker.identification.search import Progress
+from star_tracker.identification.searcher import Searcher
 from star_tracker.maps.simulation import (
     CAMERAS,
     CONDITIONS,
@@ -29,7 +30,8 @@ from star_tracker.maps.simulation import (
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
-from star_tracker.tracker import MIN_STARS, SolveSettings, StarTracker, Status
+from star_tracker.solution import SolveSettings, Status
+from star_tracker.tracker import StarTracker
 
 CAMERA = Camera.from_fov(12, 512, 512)
 PATIENT = SolveSettings(deadline_ms=math.inf)
@@ -147,9 +149,10 @@ def test_a_frame_without_rivals_is_wrong_as_often_as_it_alarms_falsely(tracker, 
 )
 def test_probability_of_being_wrong(score, rival, expected):
     """Bayes' theorem for three explanations: this pose, its best rival and none."""
-    search = Search(CAMERA, CAMERA.optics, Progress.blank())
-    search.progress.score[:2] = score, rival
-    assert search.wrong_probability == pytest.approx(expected, rel=1e-9, abs=1e-290)
+    results = Results.blank(1)
+    results.progress["score"], results.progress["rival_score"] = score, rival
+    searcher = Searcher(CAMERA, StarCatalog.paper(), None, results)
+    assert searcher.wrong_probability == pytest.approx(expected, rel=1e-9, abs=1e-290)
 
 
 def test_the_order_of_the_centroids_does_not_matter(tracker, frame):
