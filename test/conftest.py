@@ -116,7 +116,8 @@ def database(catalog):
 def trackers(database):
     """Trackers of the paper's stars by camera; they take as long as they need for a frame."""
     from star_tracker.maps.simulation import CAMERAS
-    from star_tracker.tracker import SolveSettings, StarTracker
+    from star_tracker.solution import SolveSettings
+    from star_tracker.tracker import StarTracker
 
     patient = SolveSettings(deadline_ms=float("inf"))
     return {name: StarTracker(database, camera, patient) for name, camera in CAMERAS.items()}

@@ -24,7 +24,8 @@ from star_tracker.geometry.spherical import separation
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.star_map import PAPER_MAPS, paper_maps
 from star_tracker.optics.camera import Camera
-from star_tracker.tracker import SolveSettings, StarTracker, Status
+from star_tracker.solution import SolveSettings, Status
+from star_tracker.tracker import StarTracker
 
 BESIDE = Path(__file__).resolve().parents[3] / "shared" / "attachments"
 FOLDER = Path(os.environ.get("STAR_TRACKER_ATTACHMENTS") or BESIDE)

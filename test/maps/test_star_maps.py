@@ -24,7 +24,8 @@ from star_tracker.maps.star_map import (
 )
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
-from star_tracker.tracker import SolveSettings, StarTracker, Status
+from star_tracker.solution import SolveSettings, Status
+from star_tracker.tracker import StarTracker
 
 ARCSEC = np.pi / 180 / 3600
 HEAD = ("width_px: 512", "height_px: 512", "fov_deg: 12", "cx_px: 256", "cy_px: 256")

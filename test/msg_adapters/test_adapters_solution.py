@@ -12,7 +12,7 @@ from msg_adapters.solution import (
     values_from_diagnostics,
 )
 from star_tracker.identification.labels import Identification
-from star_tracker.tracker import Solution, Status
+from star_tracker.solution import Solution, Status
 
 HEADER = Header(frame_id="camera")
 HEADER.stamp.sec = 77

@@ -20,7 +20,8 @@ from star_tracker.maps.simulation import (
     uniform_noise,
 )
 from star_tracker.optics.camera import Camera
-from star_tracker.tracker import Solution, SolveSettings, StarTracker, Status
+from star_tracker.solution import Solution, SolveSettings, Status
+from star_tracker.tracker import StarTracker
 
 pytestmark = pytest.mark.slow
 

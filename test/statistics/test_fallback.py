@@ -16,7 +16,8 @@ from star_tracker.maps.simulation import (
     synthetic_field,
     uniform_noise,
 )
-from star_tracker.tracker import SolveSettings, StarTracker, Status
+from star_tracker.solution import SolveSettings, Status
+from star_tracker.tracker import StarTracker
 
 pytestmark = pytest.mark.slow
 
