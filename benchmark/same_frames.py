@@ -44,7 +44,7 @@ def cases(n: int) -> Iterator[tuple[str, StarTracker, np.ndarray, np.ndarray | N
                 for parity, tracker in trackers.items():
                     for intensity in (None, bright):
                         told = "plain" if intensity is None else "bright"
-                        name = f"{camera_name} {condition.short_name} {i} {parity} {told}"
+                        name = f"{camera_name} {condition.name} {i} {parity} {told}"
                         yield name, tracker, frame.xy_px, intensity
 
 

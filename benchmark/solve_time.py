@@ -9,6 +9,7 @@ import os
 import platform
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported
@@ -20,10 +21,17 @@ import scipy
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.study.scoring import score_map
-from star_tracker.solution import METHODS, SolveSettings
-from star_tracker.maps.star_map import paper_maps
-from star_tracker.tracker import StarTracker
+from star_tracker.study.chunks import IDENTIFIED, MapChunk
+from star_tracker.study.own_methods import OwnMethod
+from star_tracker.identification.searcher import METHODS
+from star_tracker.maps.star_map import PAPER_MAPS
+
+
+def line(row: Callable[..., str], name: str, outcomes: list[str], cpu_ms: list[float]) -> str:
+    """Return a line of the table."""
+    median, p95 = np.percentile(cpu_ms, [50, 95])
+    right = outcomes.count(IDENTIFIED)
+    return row(name, len(outcomes), right, f"{median:.3f}", f"{p95:.3f}")
 
 
 def main() -> int:
@@ -32,7 +40,6 @@ def main() -> int:
     parser.add_argument("--repeat", type=int, default=300, help="solves a map")
     parser.add_argument("--method", choices=("auto", *METHODS), default="auto")
     options = parser.parse_args()
-    settings = SolveSettings(method=options.method, deadline_ms=float("inf"))
     started = time.perf_counter()
     database = FeatureDatabase.build(StarCatalog.paper())
     pairs_built = time.perf_counter()
@@ -47,18 +54,15 @@ def main() -> int:
     )
     row = "{:>6} {:>6} {:>6} {:>10} {:>8}".format
     print(row("map", "stars", "right", "median ms", "p95 ms"))
-    scores = {
-        star_map.name: score_map(
-            StarTracker(database, star_map.camera, settings), star_map, options.repeat
-        )
-        for star_map in paper_maps()
-    }
-    for name, s in scores.items():
-        print(row(name, s.n, s.n_correct, f"{s.median_ms:.3f}", f"{s.p95_ms:.3f}"))
-    every = np.concatenate([s.cpu_ms for s in scores.values()])
-    median, p95 = np.percentile(every, [50, 95])
-    n, right = (sum(getattr(s, key) for s in scores.values()) for key in ("n", "n_correct"))
-    print(row("all", n, right, f"{median:.3f}", f"{p95:.3f}"))
+    contestant = OwnMethod(method=options.method)
+    outcomes, times = [], []
+    for number in PAPER_MAPS:
+        chunk = MapChunk((contestant,), number, float("inf"), options.repeat)
+        (found,) = chunk.solve()
+        print(line(row, f"map {number}", found.outcomes, found.cpu_ms))
+        outcomes += found.outcomes
+        times += found.cpu_ms
+    print(line(row, "all", outcomes, times))
     return 0
 
 

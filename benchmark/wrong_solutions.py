@@ -27,10 +27,10 @@ from rich.progress import track
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.study.scoring import boresight_error_deg
-from star_tracker.maps.simulation import CAMERAS, CONDITIONS, Condition, frames
-from star_tracker.solution import SolveSettings, Status
-from star_tracker.maps.simulation import uniform_noise
+from star_tracker.maps.simulation import (
+    CAMERAS, CONDITIONS, Condition, boresight_angle_deg, frames, uniform_noise
+)
+from star_tracker.solution import SolveSettings
 from star_tracker.tracker import StarTracker
 
 NOISE, MIRROR = "noise", "mirror"
@@ -58,7 +58,7 @@ def scene_kinds() -> list[tuple[str, str, Condition | None]]:
         (camera, kind, condition)
         for camera in CAMERAS
         for kind, condition in (
-            *((c.short_name, c) for c in CONDITIONS),
+            *((c.name, c) for c in CONDITIONS),
             (NOISE, None), (MIRROR, Condition(MIRROR, 0.5)),
         )
     ]
@@ -87,11 +87,11 @@ def outcomes(seeds: range, threshold: float, deadline_ms: float, method: str) ->
             xy = frame.xy_px
         solution = tracker.solve(xy)
         verdict = solution.status.value
-        if solution.status is Status.SOLVED:
+        if solution.attitude is not None:
             good = frame is not None and condition is not None and kind != MIRROR
-            good = good and boresight_error_deg(solution, frame) <= condition.correct_deg(
-                CAMERAS[camera]
-            )
+            good = good and boresight_angle_deg(
+                solution.attitude.rotation, frame.rotation
+            ) <= condition.correct_deg(CAMERAS[camera])
             verdict = "right" if good else "wrong"
         result.append(Outcome(seed, camera, kind, verdict, solution.wrong_probability))
     return result
@@ -151,17 +151,17 @@ def plot(rows: list[tuple[float, float, int, int]], path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt  # noqa: PLC0415
 
+    from star_tracker.study.records import wilson  # noqa: PLC0415
+
     figure, axes = plt.subplots(figsize=(5.6, 4.6), layout="constrained")
     axes.plot([1e-9, 1], [1e-9, 1], color="0.6", linestyle="--", label="claim = truth")
     for _, mean, n, wrong in rows:
-        share, z2 = wrong / n, 1.96**2
-        centre = (share + z2 / (2 * n)) / (1 + z2 / n)
-        half = 1.96 * np.sqrt(share * (1 - share) / n + z2 / (4 * n * n)) / (1 + z2 / n)
-        axes.plot([max(mean, 1e-8)] * 2, [max(centre - half, 1e-6), centre + half], color="0.2")
+        at, (low, high) = max(mean, 1e-8), wilson(wrong, n)
+        axes.plot([at, at], [max(low, 1e-6), high], color="0.2")
         if wrong:
-            axes.plot(max(mean, 1e-8), share, "o", color="0.1")
+            axes.plot(at, wrong / n, "o", color="0.1")
         else:
-            axes.plot(max(mean, 1e-8), centre + half, "v", color="0.1", markerfacecolor="white")
+            axes.plot(at, high, "v", color="0.1", markerfacecolor="white")
     axes.plot([], [], "o", color="0.1", label="measured, 95 % interval")
     axes.plot([], [], "v", color="0.1", markerfacecolor="white", label="none wrong: 95 % limit")
     axes.set(

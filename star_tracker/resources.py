@@ -1,6 +1,7 @@
 """Where the package's own files lie, in every way of installing it, and where it may cache."""
 
 import os
+import threading
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -57,17 +58,31 @@ def cache_folder() -> Path | None:
         return None
 
 
+def write_whole(path: Path, text: str) -> None:
+    """Write a file in one step: whoever reads it finds all of it or what was there before.
+
+    Raises OSError where the folder or the disk does not take it; nothing is left of it then.
+    """
+    part = path.with_name(f".{path.name}-{os.getpid()}-{threading.get_ident()}")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
 @cache
-def sources_digest() -> str:
+def sources_digest(*more: str) -> str:
     """Name the sources that compiled code and saved features are made of, in all their folders.
 
-    What is cached under this name was made by exactly these sources.
+    `more` are further sources, by their paths in the package. What is cached under this name was
+    made by exactly these sources.
     """
     package = Path(__file__).resolve().parent
     digest = sha256()
     for source in [package / "compiled.py"] + [
         source for room in COMPILED_ROOMS for source in sorted((package / room).rglob("*.py"))
-    ]:
+    ] + [package / one for one in more]:
         digest.update(source.relative_to(package).as_posix().encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]

@@ -23,7 +23,6 @@ from star_tracker.calibration.three_star import (
 from star_tracker.commands import matched_map
 from star_tracker.commands.matched_map import MatchedMap
 from star_tracker.commands.options import (
-    ARCSEC_PER_RAD,
     Record,
     add_focal_length_argument,
     add_map_arguments,
@@ -32,7 +31,7 @@ from star_tracker.commands.options import (
     check_positive,
     print_result,
 )
-from star_tracker.geometry.spherical import Floats, separation
+from star_tracker.geometry.spherical import ARCSEC_PER_RAD, Floats, separation
 
 #: The rows of the table: key of the record, heading, unit, format.
 _ROWS = (

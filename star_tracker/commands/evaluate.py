@@ -3,7 +3,7 @@
 import argparse
 import json
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,11 +16,12 @@ from star_tracker.commands.options import add_json_argument
 from star_tracker.resources import resource_path
 
 if TYPE_CHECKING:
+    from star_tracker.study.chunks import Chunk, Outcomes
     from star_tracker.study.configuration import Study
     from star_tracker.study.execution import Execute
     from star_tracker.study.records import Record
+    from star_tracker.study.scenes import Image
 
-_INTERRUPTED = 130
 _CAPTION = (
     "identified % / wrong but claimed solved % / median CPU ms; comb: 0.5 px, 20 % missing, "
     "50 % false; hard: 1 px, 40 % missing, 100 % false; sparse: 0.5 px, 60 % missing"
@@ -36,6 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", type=Path, metavar="FILE",
         help="what to measure, a YAML file (config/evaluation.yaml)",
+    )
+    parser.add_argument(
+        "--images", type=Path, metavar="DIR",
+        help="real images for a study that asks for them: truth.csv and centroids.csv",
     )
     parser.add_argument(
         "--quick", action="store_true", help="few frames and values: under a minute"
@@ -55,21 +60,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Run the study and write the report. Raises ValueError for what cannot be used."""
     try:  # all that need a library, before anything is done
-        from star_tracker.study import configuration, execution, page, records
+        from star_tracker.study import execution, plan, records, report
     except ModuleNotFoundError as error:
         raise ValueError(
             f"evaluate needs {error.name}: pip install 'star_tracker[report]'"
         ) from error
-    study = configuration.read_study(options.config or resource_path("config/evaluation.yaml"))
-    if options.quick:
-        study = study.quick()
+    study, images, notes = _prepared(options)
+    for note in notes:
+        _say(note)
     if options.scheduler is None:
         execute_on = execution.local(options.jobs)
     else:
         execute_on = execution.on_cluster(options.scheduler)
-    found = _run(study, execute_on, options.output / "chunks")
-    records.write_csv(found, options.output / "results.csv")
-    page.write_page(study, found, options.output / "report.html")
+    results = _run(plan.plan(study, images), execute_on, options.output / "chunks")
+    found = records.summarise(study, results)
+    report.write_report(study, found, notes, options.output)
     if options.json:
         print(json.dumps([asdict(record) for record in found], indent=2, allow_nan=False))
         return
@@ -80,11 +85,28 @@ def execute(options: argparse.Namespace) -> None:
     print(f"{options.output / 'report.html'} has the curves, results.csv beside it the numbers")
 
 
-def _run(study: "Study", execute_on: "Execute", folder: Path) -> list["Record"]:
-    """Return the study's records; where the user ends it, end with one line and exit code 130."""
-    from star_tracker.study import chunks, execution, records, store
+def _prepared(options: argparse.Namespace) -> tuple["Study", list["Image"], list[str]]:
+    """Return the study of what is there, its real images, and sentences about what is not."""
+    from star_tracker.study import configuration, plan, scenes
 
-    planned = chunks.plan(study)
+    study = configuration.read_study(options.config or resource_path("config/evaluation.yaml"))
+    study, notes = plan.installed(study.quick() if options.quick else study)
+    images: list[Image] = []
+    if study.images:
+        try:
+            images = scenes.read_images(options.images)
+        except ValueError as error:
+            study = replace(study, images=())
+            notes.append(f"real images are left out: {error}")
+    return study, images, [*notes, *plan.absences(study)]
+
+
+def _run(
+    planned: list["Chunk"], execute_on: "Execute", folder: Path
+) -> dict["Chunk", list["Outcomes"]]:
+    """Return the results of all chunks; where the user ends it, say how to go on."""
+    from star_tracker.study import execution, store
+
     kept = store.Store(folder)
     # The bar is for people: nothing of it is written where standard error is no terminal.
     console = Console(stderr=True)
@@ -95,56 +117,37 @@ def _run(study: "Study", execute_on: "Execute", folder: Path) -> list["Record"]:
                 planned, kept, execute_on, lambda n: bar.advance(task, n)
             )
     except KeyboardInterrupt:
-        print(
-            "star_tracker evaluate: ended; start the same command again to go on from here",
-            file=sys.stderr,
-        )
-        raise SystemExit(_INTERRUPTED) from None
+        _say("ended; start the same command again to go on from here")
+        raise
     if kept.damaged:
-        print(
-            f"star_tracker evaluate: {len(kept.damaged)} damaged files in {kept.folder} were "
-            "computed again", file=sys.stderr,
-        )
-    return records.summarise(study, results)
+        _say(f"{len(kept.damaged)} damaged files in {kept.folder} were computed again")
+    return results
+
+
+def _say(text: str) -> None:
+    print(f"star_tracker evaluate: {text}", file=sys.stderr)
 
 
 def _tables(study: "Study", found: list["Record"]) -> list[Table]:
     """Lay the records out: the maps, then each camera."""
-    from star_tracker.study.chunks import MAPS
+    from star_tracker.study import chunks, tables
 
-    tables = []
-    if study.maps:
-        tables.append(_table(study, found, MAPS, "the paper's maps"))
-    for name, _ in study.cameras:
-        title = f"{study.frames} frames a condition at {name}"
-        tables.append(_table(study, found, name, title))
-    tables[-1].caption = _CAPTION
-    return tables
-
-
-def _table(study: "Study", found: list["Record"], camera: str, title: str) -> Table:
-    """Return a table with a row for each condition and a column for each contestant."""
-    from star_tracker.study.page import label
-
-    # Without frames around the cells, so that four contestants go into 80 columns.
-    table = Table(title=title, box=box.SIMPLE_HEAD, padding=0, show_edge=False)
-    table.add_column("condition")
-    for contestant in study.contestants:
-        table.add_column(contestant.name.replace(", ", "\n"), justify="right")
-    rows: dict[tuple[str, object], list[Record]] = {}
-    for record in found:
-        if record.camera == camera:
-            rows.setdefault((record.sweep, record.value), []).append(record)
-    sweep = None
-    for (name, _), records in rows.items():
-        if sweep not in {None, name}:
-            table.add_section()
-        sweep = name
-        table.add_row(label(records[0]), *(
-            f"{r.identified_percent:.3g}/{r.wrong_percent:.2g}/{r.median_cpu_ms:.3g}"
-            for r in records
-        ))
-    table.add_section()
-    sizes = (f"{record.storage_bytes / 1e6:.2f} MB" for record in records)
-    table.add_row("features", *sizes)
-    return table
+    result = []
+    for camera, rows in tables.rows(found).items():
+        frames = f"{study.frames} frames a condition at {camera}"
+        title = {chunks.MAPS: "the paper's maps", chunks.IMAGES: camera}.get(camera, frames)
+        # Without frames around the cells, so that four contestants go into 80 columns.
+        table = Table(title=title, box=box.SIMPLE_HEAD, padding=0, show_edge=False)
+        table.add_column("condition")
+        for contestant in study.contestants:
+            table.add_column(contestant.title.replace(", ", "\n"), justify="right")
+        for row, after in zip(rows, [*rows[1:], None], strict=True):
+            table.add_row(
+                row.label, *row.cells(study, tables.short_score),
+                end_section=after is None or after.sweep != row.sweep,
+            )
+        table.add_row("features", *rows[-1].cells(study, tables.megabytes))
+        result.append(table)
+    if result:
+        result[-1].caption = _CAPTION
+    return result

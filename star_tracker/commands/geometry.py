@@ -20,7 +20,6 @@ from star_tracker.calibration.three_star import MAX_ERROR_FACTOR, radii_px
 from star_tracker.commands import matched_map
 from star_tracker.commands.matched_map import MatchedMap
 from star_tracker.commands.options import (
-    ARCSEC_PER_RAD,
     Record,
     add_map_arguments,
     add_sigma_argument,
@@ -28,7 +27,7 @@ from star_tracker.commands.options import (
     check_positive,
     print_result,
 )
-from star_tracker.geometry.spherical import Floats
+from star_tracker.geometry.spherical import ARCSEC_PER_RAD, Floats
 
 _ATTITUDES: dict[str, Callable[[Floats, float], Floats]] = {
     "Wahba, exact first order": wahba_covariance,

@@ -7,7 +7,6 @@ import math
 from rich.console import Console
 from rich.table import Table
 
-ARCSEC_PER_RAD = math.degrees(1) * 3600
 #: One answer as plain values, units in the names.
 Record = dict[str, object]
 

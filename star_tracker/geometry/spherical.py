@@ -5,12 +5,14 @@ taken from chords, never from the arccosine of a dot product: that loses half of
 the small angles which star pairs are made of.
 """
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
+ARCSEC_PER_RAD = math.degrees(1) * 3600
 
 
 def unit_vectors(ra_rad: ArrayLike, dec_rad: ArrayLike) -> Floats:

@@ -5,10 +5,10 @@ similarity f_T (5-11, 5-12) counts against a guide star each of its neighbours t
 not show, so that the edge of the field and missing stars ruin it. Here only what is observed
 counts: observed bits, raw, against catalogue bits, compensated, as a likelihood ratio. A cyclic
 alignment then looks for the roll that brings most neighbours of similar separation together. The
-shared judge judges the result. The printed rule is kept in `study/` for comparison.
+shared judge judges the result. `study/paper_forms.py` has the printed rule for comparison.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -47,6 +47,8 @@ class Candidate:
 #: step brought one. Steps without a candidate let the caller look at the clock.
 Step = tuple[int, Candidate | None]
 Steps = Iterator[Step]
+#: How similar observed patterns are to those of all guide stars: (patterns, stars).
+Similarity = Callable[[PatternLevel, list[Pattern]], Floats]
 
 
 @dataclass(frozen=True)
@@ -90,11 +92,14 @@ class RadialCyclicSettings:
 
 
 def candidates(
-    database: FeatureDatabase, field: StarField, settings: RadialCyclicSettings
+    database: FeatureDatabase, field: StarField, settings: RadialCyclicSettings, *,
+    similarity: Similarity | None = None, compensated: bool = False,
 ) -> Steps:
     """Yield candidates, the most similar pairs of main star and guide star first.
 
     There is also a step for each main star looked at and each pair that the alignment refuses.
+    Studies give another similarity than the likelihood ratio, and the observed patterns
+    compensation codes.
     """
     n_compared = 0
     radius_rad = database.pattern_settings.radius_rad
@@ -109,14 +114,14 @@ def candidates(
             yield n_compared, None
             pattern = star_pattern(
                 field.vectors[main.star], field.vectors[main.neighbour], level.settings,
-                pole=CAMERA_POLE, compensated=False,
+                pole=CAMERA_POLE, compensated=compensated,
             )
-            rows.append(_likelihood(level, [pattern]))
+            rows.append((similarity or _likelihood)(level, [pattern]))
         yield n_compared, None
-        similarity = np.concatenate(rows)
+        similarities = np.concatenate(rows)
         ring_rad = level.settings.ring_rad
         n_compared += sum(_n_compared(database, main, ring_rad) for main in mains)
-        for row, star in _most_similar(similarity, settings.matches):
+        for row, star in _most_similar(similarities, settings.matches):
             members = _align(database, mains[row], star, level.settings)
             tolerance_px = ring_rad * field.focal_px
             yield n_compared, members and Candidate(*members, tolerance_px)

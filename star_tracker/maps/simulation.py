@@ -1,7 +1,7 @@
 """Simulated frames of known truth, and the seeded conditions of all measurements."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import Floats, separation
 from star_tracker.optics.camera import Camera
+from star_tracker.optics.distortion import Distortion
 
 #: Standard deviation of a simulated brightness, magnitudes.
 _MAGNITUDE_NOISE = 0.1
@@ -21,43 +22,105 @@ CAMERAS = {
 CORRECT_DEG = 0.1
 #: With much noise a right solution of few stars can be farther off; one that is farther than so
 #: many standard deviations of the centroid noise is wrong.
-_CORRECT_NOISES = 4.0
+CORRECT_NOISES = 4.0
+#: Between these lies a field of view that is not told, degrees.
+UNKNOWN_FOV_DEG = (4.0, 70.0)
+#: Where a field of view is told, it is known to the first, or to so many times its error.
+_LEAST_FOV_TOLERANCE, _FOV_TOLERANCE_ERRORS = 0.01, 1.2
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Noise per axis, px; fraction of stars missing; false stars per true star."""
+    """What the frames suffer from, and what is wrong with the camera that an identifier is told.
+
+    Attributes:
+        name: what tables call it.
+        noise_px: standard deviation of a centroid along each axis.
+        missing: fraction of the stars that are not seen.
+        false_stars: false stars for each true star of the field.
+        title: what a short name stands for.
+        brightness_noise_mag: noise of the measured magnitudes; None = brightness is not measured.
+        fov_error_percent: how much larger than the true field of view the one told is; None = no
+            field of view is told.
+        principal_point_offset_px: from the principal point told to the true one, along x and y.
+        mirrored_sky_parity: parity told where the true one is `mirrored`; empty = the camera's
+            own is true and told.
+        lens_k1: first radial coefficient of the true lens (`plumb_bob`), added to the camera's
+            own, which has none; it is not told.
+    """
 
     name: str
-    noise_px: float
+    noise_px: float = 0.0
     missing: float = 0.0
     false_stars: float = 0.0
+    title: str = ""
+    brightness_noise_mag: float | None = None
+    fov_error_percent: float | None = 0.0
+    principal_point_offset_px: float = 0.0
+    mirrored_sky_parity: str = ""
+    lens_k1: float = 0.0
 
     @property
-    def short_name(self) -> str:
-        """What stands before the colon of the name, for narrow tables."""
-        return self.name.split(":")[0]
+    def words(self) -> str:
+        """The name, with what it stands for."""
+        return f"{self.name}: {self.title}" if self.title else self.name
 
-    def correct_deg(self, camera: Camera) -> float:
-        """Return the boresight error up to which a solution is correct."""
+    def correct_deg(self, camera: Camera, noises: float = CORRECT_NOISES) -> float:
+        """Return the boresight error up to which a solution is correct: the rule for all.
+
+        That is 0.1 deg, or so many standard deviations of the centroid noise where that is more.
+        """
         noise_deg = float(np.degrees(self.noise_px / camera.focal_length_px))
-        return max(CORRECT_DEG, _CORRECT_NOISES * noise_deg)
+        return max(CORRECT_DEG, noises * noise_deg)
+
+    def true_camera(self, camera: Camera) -> Camera:
+        """Return the camera that takes the frames."""
+        offset = self.principal_point_offset_px
+        true = replace(camera, cx_px=camera.cx_px + offset, cy_px=camera.cy_px + offset)
+        if self.lens_k1:
+            lens = Distortion("plumb_bob", (self.lens_k1, 0.0, 0.0, 0.0, 0.0))
+            true = replace(true, distortion=lens)
+        return true.with_parity("mirrored") if self.mirrored_sky_parity else true
+
+    def told_camera(self, camera: Camera) -> Camera:
+        """Return the camera that is told; one in the middle of the range where none is."""
+        parity = self.mirrored_sky_parity or camera.parity
+        if self.fov_error_percent == 0:
+            return camera.with_parity(parity)
+        if self.fov_error_percent is None:
+            fov_deg = float(np.sqrt(np.prod(UNKNOWN_FOV_DEG)))
+        else:
+            fov_deg = camera.fov_deg * (1 + self.fov_error_percent / 100)
+        return Camera.from_fov(
+            fov_deg, camera.width_px, camera.height_px, cx_px=camera.cx_px, cy_px=camera.cy_px,
+            parity=parity,
+        )
+
+    def fov_range_deg(self, camera: Camera) -> tuple[float, float]:
+        """Return between which fields of view the true one is told to lie, degrees."""
+        if self.fov_error_percent is None:
+            return UNKNOWN_FOV_DEG
+        error = abs(self.fov_error_percent) / 100
+        tolerance = max(_LEAST_FOV_TOLERANCE, _FOV_TOLERANCE_ERRORS * error)
+        told_deg = self.told_camera(camera).fov_deg
+        return told_deg * (1 - tolerance), told_deg * (1 + tolerance)
 
 
+#: The conditions of all measurements.
 CONDITIONS = (
-    Condition("clean", 0.0),
+    Condition("clean"),
     Condition("0.5 px", 0.5),
     Condition("1 px", 1.0),
     Condition("2 px", 2.0),
     Condition("3 px", 3.0),
     Condition("5 px", 5.0),
-    Condition("m40: 40 % missing", 0.0, 0.4),
-    Condition("m60: 60 % missing", 0.0, 0.6),
-    Condition("f100: 100 % false", 0.0, 0.0, 1.0),
-    Condition("f200: 200 % false", 0.0, 0.0, 2.0),
-    Condition("comb: 0.5 px, 20 % missing, 50 % false", 0.5, 0.2, 0.5),
-    Condition("hard: 1 px, 40 % missing, 100 % false", 1.0, 0.4, 1.0),
-    Condition("sparse: 0.5 px, 60 % missing", 0.5, 0.6),
+    Condition("m40", missing=0.4, title="40 % missing"),
+    Condition("m60", missing=0.6, title="60 % missing"),
+    Condition("f100", false_stars=1.0, title="100 % false"),
+    Condition("f200", false_stars=2.0, title="200 % false"),
+    Condition("comb", 0.5, 0.2, 0.5, title="0.5 px, 20 % missing, 50 % false"),
+    Condition("hard", 1.0, 0.4, 1.0, title="1 px, 40 % missing, 100 % false"),
+    Condition("sparse", 0.5, 0.6, title="0.5 px, 60 % missing"),
 )
 
 
@@ -146,11 +209,15 @@ def frames(
     catalog: StarCatalog, camera: Camera, condition: Condition, n: int,
     seed: int | np.random.SeedSequence,
 ) -> Iterator[SyntheticField]:
-    """Yield `n` frames at random attitudes; the same seed gives the same frames."""
+    """Yield `n` frames of the condition's true camera at random attitudes.
+
+    The same seed gives the same frames.
+    """
     rng = np.random.default_rng(seed)
+    true_camera = condition.true_camera(camera)
     for _ in range(n):
         yield synthetic_field(
-            catalog, camera, random_rotation(rng), rng, noise_px=condition.noise_px,
+            catalog, true_camera, random_rotation(rng), rng, noise_px=condition.noise_px,
             missing=condition.missing, false_stars=condition.false_stars,
         )
 

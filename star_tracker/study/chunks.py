@@ -1,4 +1,4 @@
-"""Units of work: a contestant on a block of frames of one condition, or on a star map.
+"""Units of work: contestants on a block of frames, on a star map or on a real image.
 
 A chunk says all that its result depends on, but for the sources: it gives the same result in any
 process, in any order.
@@ -6,52 +6,71 @@ process, in any order.
 
 import json
 import threading
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from functools import cache, lru_cache
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from hashlib import sha256
-from xml.etree import ElementTree as ET
+from importlib.metadata import version
 
 import numpy as np
 
-from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.maps.simulation import random_rotation, synthetic_field
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.optics.camera import Camera
-from star_tracker.resources import resource_path, sources_digest
-from star_tracker.solution import Status
-from star_tracker.study.configuration import Study
-from star_tracker.study.contestants import Contestant
-from star_tracker.study.scoring import boresight_error_deg, score_map, timed_solve
-from star_tracker.study.troubles import COMBINED, Trouble
-from star_tracker.tracker import StarTracker
+from star_tracker.resources import package_version, sources_digest
+from star_tracker.study.contestants import Answer, Contestant, Entrant, Told
+from star_tracker.study.scenes import Image, Scene, Sky, simulated
 
 #: How a frame, or a star of a map, ended; other outcomes are the names of `Status`.
 IDENTIFIED, WRONG, UNANSWERED = "IDENTIFIED", "WRONG", "UNANSWERED"
-MAPS = "maps"
-_MAP_REPEATS = 5
-#: A tracker uses its memory again for each frame, and CPU time is that of the whole process: one
+#: What stands for a camera's name where there is none.
+MAPS, IMAGES = "maps", "real images"
+#: The sources that a result depends on, beside those that are compiled.
+_MEASURING = (
+    "solution.py", "tracker.py", "maps/simulation.py", "maps/star_map.py",
+    *(f"study/{name}.py" for name in (
+        "chunks", "contestants", "own_methods", "paper_forms", "peers", "scenes"
+    )),
+)
+#: An entrant uses its memory again for each frame, and CPU time is that of the whole process: one
 #: chunk at a time in each, also where a Dask worker has several threads.
 _ONE_AT_A_TIME = threading.Lock()
+_PAPER = Sky()
 
 
 @dataclass(frozen=True)
 class Outcomes:
-    """What a chunk gave.
+    """What a chunk gave of one contestant.
 
     Attributes:
-        outcomes: (n,) how each frame, or each star of a map, ended.
+        outcomes: (n,) how each frame that it saw, or each star of a map, ended.
         error_deg: angle between the found and the true boresight of each frame, None = unsolved;
             empty for a map.
         cpu_ms: CPU time of each solve.
-        storage_bytes: size of the features that were searched.
+        n_true: guide stars among the centroids of each frame; empty where that is not known.
+        storage_bytes: size of the features that were searched, None = not known.
     """
 
-    outcomes: list[str]
-    error_deg: list[float | None]
-    cpu_ms: list[float]
-    storage_bytes: int
+    storage_bytes: int | None
+    outcomes: list[str] = field(default_factory=list)
+    error_deg: list[float | None] = field(default_factory=list)
+    cpu_ms: list[float] = field(default_factory=list)
+    n_true: list[int] = field(default_factory=list)
+
+    def add(self, scene: Scene, answer: Answer, cpu_ms: float, limit_deg: float) -> None:
+        """Judge an answer: identified where the boresight is within the limit, else wrong."""
+        self.cpu_ms.append(cpu_ms)
+        if scene.n_true is not None:
+            self.n_true.append(scene.n_true)
+        if answer.rotation is None:
+            self.error_deg.append(None)
+            self.outcomes.append(answer.ended)
+            return
+        error_deg = scene.error_deg(answer.rotation)
+        self.error_deg.append(error_deg)
+        # A rotation of NaN is no place in the sky: wrong.
+        self.outcomes.append(IDENTIFIED if error_deg <= limit_deg else WRONG)
 
 
 @dataclass(frozen=True)
@@ -59,84 +78,162 @@ class FramesChunk:
     """A block of frames of one condition.
 
     The frames follow from the seed and the names of camera and condition and the block's number,
-    not from the contestant: all contestants see the same frames.
+    not from the contestants: all contestants see the same frames.
+
+    Attributes:
+        contestants: who sees them, in turn.
+        camera_name, camera: who takes them.
+        condition: what they suffer from.
+        block: number of the block.
+        first: number of its first frame.
+        n: how many there are.
+        seed: of the study.
+        deadline_ms: wall-clock time for a frame.
+        limit_deg: boresight error up to which a solution is right.
     """
 
-    contestant: Contestant
+    contestants: tuple[Contestant, ...]
     camera_name: str
     camera: Camera
-    condition: Trouble
+    condition: Condition
     block: int
+    first: int
     n: int
     seed: int
     deadline_ms: float
+    limit_deg: float
 
     @property
-    def cell(self) -> tuple[str, str, str]:
-        """Names of contestant, camera and condition: what the chunk's result counts for."""
-        return self.contestant.name, self.camera_name, self.condition.name
+    def place(self) -> tuple[str, str]:
+        """Names of camera and condition, which the chunk's results count for."""
+        return self.camera_name, self.condition.words
 
     def seed_sequence(self) -> np.random.SeedSequence:
         """Return the source of all chance of these frames."""
-        name = json.dumps([self.camera_name, self.condition.name, self.block])
+        name = json.dumps([self.camera_name, self.condition.words, self.block])
         words = np.frombuffer(sha256(name.encode()).digest(), ">u4")
         return np.random.SeedSequence(entropy=self.seed, spawn_key=tuple(words.tolist()))
 
-    def solve(self) -> Outcomes:
-        """Solve the frames."""
-        told = self.condition.told_camera(self.camera)
-        tracker = _tracker(self.contestant, told, self.deadline_ms)
-        limit_deg = self.condition.correct_deg(self.camera)
-        result = Outcomes([], [], [], self.contestant.storage_bytes(database()))
-        catalog = tracker.database.catalog
-        for frame, intensity in self.condition.frames(
-            catalog, self.camera, self.n, self.seed_sequence()
-        ):
-            solution, cpu_ms = timed_solve(tracker, frame.xy_px, intensity)
-            result.cpu_ms.append(cpu_ms)
-            if solution.status is Status.SOLVED:
-                error_deg = boresight_error_deg(solution, frame)
-                result.error_deg.append(error_deg)
-                result.outcomes.append(IDENTIFIED if error_deg <= limit_deg else WRONG)
-            else:
-                result.error_deg.append(None)
-                result.outcomes.append(solution.status.value)
-        return result
+    def solve(self) -> list[Outcomes]:
+        """Solve the frames; return what became of each contestant."""
+        told = Told.of(_PAPER, self.camera, self.condition, self.deadline_ms)
+        scenes = simulated(_PAPER, self.camera, self.condition, self.n, self.seed_sequence())
+        return compete(self.contestants, told, enumerate(scenes, self.first), self.limit_deg)
+
+
+@dataclass(frozen=True)
+class ImageChunk:
+    """A real image, of whose camera the contestants are told what a condition says."""
+
+    contestants: tuple[Contestant, ...]
+    image: Image
+    condition: Condition
+    deadline_ms: float
+    limit_deg: float
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """Names of camera and condition, which the chunk's results count for."""
+        return IMAGES, self.condition.words
+
+    def solve(self) -> list[Outcomes]:
+        """Solve the image; return what became of each contestant."""
+        camera = self.image.camera
+        sky = Sky.of_depth_for(self.condition.fov_range_deg(camera)[0])
+        told = Told.of(sky, camera, self.condition, self.deadline_ms)
+        return compete(self.contestants, told, [(0, self.image.scene())], self.limit_deg)
 
 
 @dataclass(frozen=True)
 class MapChunk:
     """One of the paper's star maps, whose labels are judged."""
 
-    contestant: Contestant
+    contestants: tuple[Contestant, ...]
     number: int
     deadline_ms: float
+    repeats: int = 5
 
     @property
-    def cell(self) -> tuple[str, str, str]:
-        """Names of contestant, camera and condition: what the chunk's result counts for."""
-        return self.contestant.name, MAPS, f"map {self.number}"
+    def place(self) -> tuple[str, str]:
+        """What stands for names of camera and condition."""
+        return MAPS, f"map {self.number}"
 
-    def solve(self) -> Outcomes:
+    def solve(self) -> list[Outcomes]:
         """Solve the map several times and judge the labels of its stars."""
         star_map = paper_maps((self.number,))[0]
-        tracker = _tracker(self.contestant, star_map.camera, self.deadline_ms)
-        score = score_map(tracker, star_map, _MAP_REPEATS)
-        counts = {
-            IDENTIFIED: score.n_correct, WRONG: score.n_wrong,
-            UNANSWERED: score.n - score.n_correct - score.n_wrong,
-        }
-        outcomes = [name for name, count in counts.items() for _ in range(count)]
-        bytes_ = self.contestant.storage_bytes(database())
-        return Outcomes(outcomes, [], score.cpu_ms.tolist(), bytes_)
+        told = Told.of(_PAPER, star_map.camera, Condition("map"), self.deadline_ms)
+        scene = Scene(star_map.xy_px, None, np.full(3, np.nan))
+        result = []
+        for contestant in self.contestants:
+            entrant = _set_up(contestant, told)
+            timed_solve(entrant, scene)  # fills caches
+            solved = [timed_solve(entrant, scene) for _ in range(self.repeats)]
+            index = solved[-1][0].catalog_index
+            if index is None:
+                raise TypeError(f"{contestant.title} names no stars")
+            numbers = np.where(index >= 0, _PAPER.catalog().number[index], 0)
+            right = numbers == star_map.star_number
+            outcomes = np.where(right, IDENTIFIED, np.where(numbers > 0, WRONG, UNANSWERED))
+            result.append(Outcomes(
+                entrant.storage_bytes, outcomes.tolist(), cpu_ms=[ms for _, ms in solved]
+            ))
+        return result
 
 
-Chunk = FramesChunk | MapChunk
+Chunk = FramesChunk | ImageChunk | MapChunk
 
 
-def run(chunk: Chunk, sources: str) -> Outcomes:
+def compete(
+    contestants: tuple[Contestant, ...], told: Told, scenes: Iterable[tuple[int, Scene]],
+    limit_deg: float,
+) -> list[Outcomes]:
+    """Let contestants solve numbered frames in turn, so that the machine's moods hit all alike."""
+    entrants = [_set_up(one, told) for one in contestants]
+    result = [Outcomes(entrant.storage_bytes) for entrant in entrants]
+    for number, scene in scenes:
+        for at in _turns(number, len(entrants)):
+            if number % contestants[at].every == 0:
+                result[at].add(scene, *timed_solve(entrants[at], scene), limit_deg)
+    return result
+
+
+def _turns(number: int, n: int) -> Iterator[int]:
+    """Yield 0 to n, each frame from another one on: who goes first finds the caches cold."""
+    return ((number + i) % n for i in range(n))
+
+
+def timed_solve(entrant: Entrant, scene: Scene) -> tuple[Answer, float]:
+    """Solve one frame; return the answer and the CPU time of the identifier's own call, ms."""
+    given = entrant.prepare(scene)
+    started = time.process_time_ns()
+    result = entrant.solve(given)
+    cpu_ms = (time.process_time_ns() - started) / 1e6
+    return entrant.answer(result), cpu_ms
+
+
+@lru_cache(maxsize=64)
+def _set_up(contestant: Contestant, told: Told) -> Entrant:
+    """Return an entrant whose caches are filled: the first frame that counts is like any other."""
+    entrant = contestant.set_up(told)
+    rng = np.random.default_rng(0)
+    catalog = told.sky.catalog()
+    for false_stars in (0.0, 1.0):
+        easy = synthetic_field(
+            catalog, told.camera.definite()[0], random_rotation(rng), rng, false_stars=false_stars
+        )
+        brightness = 10.0 ** (-0.4 * easy.v_mag)
+        timed_solve(entrant, Scene(easy.xy_px, brightness, easy.rotation[:, 2]))
+    return entrant
+
+
+def measuring_sources() -> str:
+    """Name the sources that results depend on."""
+    return sources_digest(*_MEASURING)
+
+
+def run(chunk: Chunk, sources: str) -> list[Outcomes]:
     """Solve a chunk. Raises ValueError in a process that has other sources than these."""
-    if sources != sources_digest():
+    if sources != measuring_sources():
         raise ValueError(
             "a worker has another version of star_tracker: install the same one everywhere"
         )
@@ -146,62 +243,9 @@ def run(chunk: Chunk, sources: str) -> Outcomes:
 
 def key(chunk: Chunk) -> str:
     """Return the name of a chunk's result: of all that it depends on."""
-    described = [type(chunk).__name__, asdict(chunk), version(), sources_digest()]
-    return sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()[:24]
-
-
-def plan(study: Study) -> list[Chunk]:
-    """Return all chunks of a study, none of them twice."""
-    chunks: list[Chunk] = [
-        MapChunk(contestant, number, study.deadline_ms)
-        for number in study.maps for contestant in study.contestants
+    packages = {one.package for one in chunk.contestants if one.package}
+    described = [
+        type(chunk).__name__, [type(one).__name__ for one in chunk.contestants], asdict(chunk),
+        package_version(), measuring_sources(), {name: version(name) for name in packages},
     ]
-    for condition in conditions(study):
-        for camera_name, camera in study.cameras:
-            for contestant in study.contestants:
-                chunks += [
-                    FramesChunk(
-                        contestant, camera_name, camera, condition, block, n, study.seed,
-                        study.deadline_ms,
-                    )
-                    for block, n in _blocks(study)
-                ]
-    return chunks
-
-
-def conditions(study: Study) -> list[Trouble]:
-    """Return the conditions of all sweeps and the combined ones; many sweeps share their first."""
-    swept = [sweep.trouble(value) for sweep in study.sweeps for value in sweep.values]
-    return list(dict.fromkeys([*swept, *(COMBINED[name] for name in study.combined)]))
-
-
-def _blocks(study: Study) -> Iterator[tuple[int, int]]:
-    """Yield number and size of each block of frames; only the last may be smaller."""
-    size = study.block_frames
-    for block, first in enumerate(range(0, study.frames, size)):
-        yield block, min(size, study.frames - first)
-
-
-@cache
-def version() -> str:
-    """Return the package's version."""
-    root = ET.parse(resource_path("package.xml")).getroot()
-    return root.findtext("version", "")
-
-
-@cache
-def database() -> FeatureDatabase:
-    """Return the features of the paper's catalogue, once in each process."""
-    return FeatureDatabase.cached(StarCatalog.paper())
-
-
-@lru_cache(maxsize=32)
-def _tracker(contestant: Contestant, camera: Camera, deadline_ms: float) -> StarTracker:
-    """Return a tracker whose caches are filled: the first frame that counts is like any other."""
-    tracker = StarTracker(database(), camera, contestant.settings(deadline_ms))
-    rng = np.random.default_rng(0)
-    easy = synthetic_field(
-        tracker.database.catalog, camera.definite()[0], random_rotation(rng), rng
-    )
-    tracker.solve(easy.xy_px)
-    return tracker
+    return sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()[:24]

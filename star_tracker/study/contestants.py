@@ -1,59 +1,118 @@
-"""The contestants: both methods, each as this package and as the paper has it (5.4)."""
+"""Who is measured: our methods, the paper's forms of them and the peers are all contestants.
 
+A contestant is a set of plain values, so that it can be told apart, stored and sent to another
+process. Set up for a camera it becomes an entrant, which takes frames.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
-from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.identification.cells import MatchGroupSettings
-from star_tracker.identification.fallback import RadialCyclicSettings
-from star_tracker.identification.searcher import METHODS
-from star_tracker.solution import SolveSettings
+import numpy as np
+from numpy.typing import NDArray
 
-FORMS = ("own", "paper")
-#: What follows the way to the candidates, alignment, pose and verification, is alike in all forms.
-_PAPER: dict[str, Any] = {
-    "match_group": MatchGroupSettings(
-        pair_tolerance_px=(3.0,), cells=3, quick=False, voting="plain"
-    ),
-    "radial_cyclic": RadialCyclicSettings(ring_factors=(1,), similarity="paper"),
-}
+from star_tracker.geometry.spherical import Floats
+from star_tracker.maps.simulation import Condition
+from star_tracker.optics.camera import Camera
+from star_tracker.study.scenes import Scene, Sky
 
 
 @dataclass(frozen=True)
-class Contestant:
-    """A method in one of its forms. Raises ValueError for one that does not exist.
+class Told:
+    """What an identifier is told before the frames come.
 
     Attributes:
-        method: `match_group`, `radial_cyclic` or `auto`.
-        form: `own`, or `paper`: match-group voting by plain flags at a tolerance of 3 px, or
-            patterns ranked by the printed f_T.
+        sky: the guide stars.
+        camera: the camera, which may be wrong.
+        fov_range_deg: between which the true field of view lies.
+        noise_px: the true noise of a centroid along each axis.
+        deadline_ms: give up on a frame after this wall-clock time.
     """
 
-    method: str
-    form: str = "own"
+    sky: Sky
+    camera: Camera
+    fov_range_deg: tuple[float, float]
+    noise_px: float
+    deadline_ms: float
 
-    def __post_init__(self) -> None:
-        if self.method not in {*METHODS, "auto"}:
-            raise ValueError(f"method {self.method!r} is unknown: use auto, {', '.join(METHODS)}")
-        if self.form not in FORMS:
-            raise ValueError(f"form {self.form!r} is unknown: use {' or '.join(FORMS)}")
-        if self.form == "paper" and self.method == "auto":
-            raise ValueError("method auto has no form paper: use form own")
+    @classmethod
+    def of(cls, sky: Sky, camera: Camera, condition: Condition, deadline_ms: float) -> "Told":
+        """Return what is told under a condition of a true camera."""
+        return cls(
+            sky, condition.told_camera(camera), condition.fov_range_deg(camera),
+            condition.noise_px, deadline_ms,
+        )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What became of a frame.
+
+    Attributes:
+        rotation: (3, 3) camera to ICRS; None = not solved.
+        ended: why not, a name of `Status`.
+        catalog_index: (n,) the guide star of each centroid, -1 = none; None = it names none.
+    """
+
+    rotation: Floats | None
+    ended: str = "NO_MATCH"
+    catalog_index: NDArray[np.int64] | None = None
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A contestant set up for one camera.
+
+    Attributes:
+        prepare: puts a frame into the form that `solve` takes.
+        solve: the identifier's own call, which is timed, and nothing else.
+        answer: reads what `solve` returned.
+        storage_bytes: size of the features that it searches; None = not known.
+    """
+
+    prepare: Callable[[Scene], Any]
+    solve: Callable[[Any], Any]
+    answer: Callable[[Any], Answer]
+    storage_bytes: int | None = None
+
+
+@dataclass(frozen=True)
+class Contestant(ABC):
+    """An identifier with its settings.
+
+    Attributes:
+        name: what tables call it; empty = its method or package.
+        every: it sees only every so-many-th frame, if it is slow.
+        brightness: it is told the brightness where that is measured.
+        package: what has to be installed for it, empty for this package itself.
+        names_stars: whether its answers name the stars, as the star maps ask for.
+    """
+
+    name: str = ""
+    every: int = 1
+    brightness: bool = True
+    package: ClassVar[str] = ""
+    names_stars: ClassVar[bool] = False
 
     @property
-    def name(self) -> str:
-        """What reports call it."""
-        return f"{self.method}, paper" if self.form == "paper" else self.method
+    def title(self) -> str:
+        """What tables call it."""
+        return self.name or self.package
 
-    def settings(self, deadline_ms: float) -> SolveSettings:
-        """Return the settings of its tracker."""
-        form = {self.method: _PAPER[self.method]} if self.form == "paper" else {}
-        return SolveSettings(method=self.method, deadline_ms=deadline_ms, **form)
+    @property
+    @abstractmethod
+    def settings(self) -> str:
+        """How it is set up, in words."""
 
-    def storage_bytes(self, database: FeatureDatabase) -> int:
-        """Return the size of the features that it searches."""
-        sizes = {
-            "match_group": database.pairs.nbytes,
-            "radial_cyclic": database.patterns.packed.nbytes,
-        }
-        return sum(sizes.values()) if self.method == "auto" else sizes[self.method]
+    def declines(self, condition: Condition) -> str:
+        """Return why it cannot take part under a condition; empty where it can."""
+        return "" if condition.fov_error_percent is not None else "it needs a field of view"
+
+    @abstractmethod
+    def set_up(self, told: Told) -> Entrant:
+        """Make it ready for a camera. Raises ImportError where its package is missing."""
+
+    def told_brightness(self) -> str:
+        """Return in words whether it is told the brightness."""
+        return f"with{'' if self.brightness else 'out'} brightness"

@@ -11,8 +11,7 @@ from urllib.parse import urlsplit
 
 import joblib
 
-from star_tracker.resources import sources_digest
-from star_tracker.study.chunks import Chunk, Outcomes, key, run
+from star_tracker.study.chunks import Chunk, Outcomes, key, measuring_sources, run
 from star_tracker.study.store import Store
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 _CONNECT_S = 10
 _SCHEMES = ("tcp", "tls")
 #: Yields the results of chunks, each with its place among them, in any order.
-Execute = Callable[[list[Chunk]], Iterator[tuple[int, Outcomes]]]
+Execute = Callable[[list[Chunk]], Iterator[tuple[int, list[Outcomes]]]]
 
 
 def local(jobs: int) -> Execute:
@@ -33,8 +32,8 @@ def local(jobs: int) -> Execute:
         raise ValueError("--jobs must be at least 1, or 0 for one for each core")
     n_jobs = jobs or joblib.cpu_count()
 
-    def execute(chunks: list[Chunk]) -> Iterator[tuple[int, Outcomes]]:
-        sources = sources_digest()
+    def execute(chunks: list[Chunk]) -> Iterator[tuple[int, list[Outcomes]]]:
+        sources = measuring_sources()
         # The kernels are small: threads of BLAS cost more than they give.
         with (
             joblib.parallel_config("loky", n_jobs=n_jobs, inner_max_num_threads=1),
@@ -77,11 +76,11 @@ def on_cluster(address: str) -> Execute:
     fails.
     """
 
-    def execute(chunks: list[Chunk]) -> Iterator[tuple[int, Outcomes]]:
+    def execute(chunks: list[Chunk]) -> Iterator[tuple[int, list[Outcomes]]]:
         client = _client(address)
         import distributed  # noqa: PLC0415  _client has found it
 
-        sources = sources_digest()
+        sources = measuring_sources()
         with client:
             futures = {
                 client.submit(run, chunk, sources, key=f"star_tracker-{key(chunk)}"): place
@@ -143,7 +142,7 @@ def _knock(address: str) -> None:
 
 def run_all(
     chunks: list[Chunk], store: Store, execute: Execute, advance: Callable[[int], None]
-) -> dict[Chunk, Outcomes]:
+) -> dict[Chunk, list[Outcomes]]:
     """Return the results of all chunks, of which only those are run that the store lacks.
 
     `advance` is called with the number of chunks that have come in.

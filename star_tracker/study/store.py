@@ -1,10 +1,11 @@
 """Results of chunks in a folder, a JSON file each, so that a run that was ended resumes."""
 
 import json
-import os
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
+from star_tracker.resources import write_whole
 from star_tracker.study.chunks import Chunk, MapChunk, Outcomes, key
 
 
@@ -26,7 +27,7 @@ class Store:
                 f"{folder} cannot be made a folder: {error.strerror}; choose another --output"
             ) from error
 
-    def load(self, chunk: Chunk) -> Outcomes | None:
+    def load(self, chunk: Chunk) -> list[Outcomes] | None:
         """Return a chunk's result, None for one that is not done or whose file is damaged."""
         path = self._path(chunk)
         try:
@@ -39,22 +40,17 @@ class Store:
             self.damaged.append(path.name)
             return None
 
-    def save(self, chunk: Chunk, result: Outcomes) -> None:
+    def save(self, chunk: Chunk, result: list[Outcomes]) -> None:
         """Write a chunk's result, whole or not at all. Raises ValueError where it cannot."""
         path = self._path(chunk)
-        # Of this process alone, should two runs share the folder.
-        part = path.with_suffix(f".{os.getpid()}.part")
-        content = {"chunk": _description(chunk), "result": asdict(result)}
+        content = {"chunk": _description(chunk), "result": [asdict(one) for one in result]}
         try:
-            part.write_text(json.dumps(content), encoding="utf-8")
-            part.replace(path)
+            write_whole(path, json.dumps(content))
         except OSError as error:
             raise ValueError(
                 f"{path} cannot be written: {error.strerror}; free space or choose another "
                 "--output, then start again: what is done is kept"
             ) from error
-        finally:  # of a write that failed or was interrupted nothing is left
-            part.unlink(missing_ok=True)
 
     def _path(self, chunk: Chunk) -> Path:
         return self.folder / f"{key(chunk)}.json"
@@ -66,13 +62,15 @@ def _description(chunk: Chunk) -> dict[str, object]:
     return described
 
 
-def _outcomes(chunk: Chunk, content: dict[str, dict[str, object]]) -> Outcomes:
+def _outcomes(chunk: Chunk, content: dict[str, Any]) -> list[Outcomes]:
     """Return the result in a file's content. Raises an error for one that is not the chunk's."""
     if content["chunk"] != _description(chunk):
         raise ValueError("another chunk's result")
-    result = Outcomes(**content["result"])  # type: ignore[arg-type]
+    result = [Outcomes(**one) for one in content["result"]]
+    if len(result) != len(chunk.contestants):
+        raise ValueError("not a result for each contestant")
     if not isinstance(chunk, MapChunk):
-        lengths = {len(result.outcomes), len(result.error_deg), len(result.cpu_ms)}
-        if lengths != {chunk.n}:
-            raise ValueError("not a result for each frame")
+        for one in result:
+            if not len(one.outcomes) == len(one.error_deg) == len(one.cpu_ms):
+                raise ValueError("not a result for each frame")
     return result
