@@ -2,12 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.catalogue.ladder import LadderStep
 from star_tracker.frame_solution import judged, received, refused, setup_of, solved
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.escalation import Escalation
@@ -19,19 +18,6 @@ from star_tracker.solution import Solution, SolveSettings
 
 #: Steps overlap by this factor, so that no scale falls between two.
 _OVERLAP = 1.01
-
-
-class Step(Protocol):
-    """A range of fields of view, and the database that serves it; see `catalogue.ladder`."""
-
-    fov_min_deg: float
-    fov_max_deg: float
-    width_px: int
-    height_px: int
-
-    @property
-    def database(self) -> FeatureDatabase:
-        """Guide stars for the field in the middle of the range."""
 
 
 class AnyCameraTracker:
@@ -50,7 +36,7 @@ class AnyCameraTracker:
     """
 
     def __init__(
-        self, steps: Sequence[Step], settings: SolveSettings | None = None, *,
+        self, steps: Sequence[LadderStep], settings: SolveSettings | None = None, *,
         parity: str = "auto",
     ) -> None:
         if not steps:
@@ -102,7 +88,7 @@ def _cotangent(fov_deg: float) -> float:
     return 1.0 / math.tan(math.radians(fov_deg) / 2)
 
 
-def _middle(step: Step, parity: str) -> Camera:
+def _middle(step: LadderStep, parity: str) -> Camera:
     """Return the camera in the middle of a step, on the logarithmic scale of focal lengths."""
     focal = step.width_px / 2 * math.sqrt(
         _cotangent(step.fov_min_deg) * _cotangent(step.fov_max_deg)
@@ -112,7 +98,7 @@ def _middle(step: Step, parity: str) -> Camera:
     )
 
 
-def _expected(step: Step, camera: Camera) -> float:
+def _expected(step: LadderStep, camera: Camera) -> float:
     """Return how many guide stars the average field of a step shows."""
     a, b = camera.width_px / 2 / camera.fx_px, camera.height_px / 2 / camera.fy_px
     solid_angle = 4 * math.atan(a * b / math.sqrt(1 + a * a + b * b))

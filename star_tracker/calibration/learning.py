@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from star_tracker.any_camera import AnyCameraTracker, Step
+from star_tracker.any_camera import AnyCameraTracker
 from star_tracker.calibration.camera_estimator import (
     MIN_STARS,
     CameraEstimate,
     CameraEstimator,
 )
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.catalogue.ladder import LadderStep
 from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings, Status
@@ -40,7 +41,7 @@ class Sources:
     """
 
     database_for: Callable[[Camera], FeatureDatabase]
-    ladder: Callable[[], Sequence[Step]]
+    ladder: Callable[[], Sequence[LadderStep]]
 
 
 @dataclass

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -131,7 +132,7 @@ def record_of(result: Result) -> Record:
 
 
 def _print(result: Result, *, as_json: bool) -> None:
-    record = record_of(result)
+    record: dict[str, Any] = record_of(result)
     if as_json:
         print(json_text(record))
     elif result.error:
@@ -143,7 +144,10 @@ def _print(result: Result, *, as_json: bool) -> None:
             "p(wrong) {wrong_probability:.0e}  rms {rms_px:.2f} px".format(**record)
         )
     else:
-        print("{status:9} {file}  {n_detected} stars: {reason}".format(**record))
+        print(
+            f"{record['status']!s:9} {record['file']}  {record['n_detected']} stars: "
+            f"{record['reason']}"
+        )
 
 
 def _write(results: Sequence[Result], options: argparse.Namespace) -> None:

@@ -11,11 +11,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from star_tracker.any_camera import Step
 from star_tracker.calibration.learning import LearningTracker, Sources
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.depth import Depth
-from star_tracker.catalogue.ladder import ladder
+from star_tracker.catalogue.ladder import LadderStep, ladder
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.offline.frame_file import FileFrame, detect_in, is_list, read_centroids
 from star_tracker.optics.camera import Camera
@@ -154,7 +153,7 @@ def _database(camera: Camera, *, catalog: str, epoch: float, depth: Depth) -> Fe
     )
 
 
-def _ladder(asked: Asked, size_px: tuple[int, int], depth: Depth) -> Sequence[Step]:
+def _ladder(asked: Asked, size_px: tuple[int, int], depth: Depth) -> Sequence[LadderStep]:
     return ladder(
         asked.fov_range_deg, size_px, catalog=asked.catalog, epoch=asked.epoch, depth=depth
     )
