@@ -7,6 +7,8 @@ import subprocess
 import sys
 
 import pytest
+from processes import completed, popen
+from waiting import longest_s
 
 from star_tracker.commands import cli
 
@@ -19,11 +21,8 @@ def test_json_of_the_command_in_a_process_without_ros(small, tmp_path):
         "evaluate", "--config", small.write(tmp_path, small.content), "--output",
         tmp_path / "out", "--jobs", "1", "--json",
     ]
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, *arguments],
-        capture_output=True, text=True, timeout=600, check=True,
-    )
-    assert done.stderr == ""
+    done = completed("-c", RUN, *arguments)
+    assert (done.stderr, done.returncode) == ("", 0)
     found = json.loads(done.stdout)
     timed = {"median_cpu_ms", "p95_cpu_ms", "time_ratio"}
     assert [{k: v for k, v in r.items() if k not in timed} for r in found] == [
@@ -78,13 +77,12 @@ def test_an_interrupted_run_says_how_to_go_on(small, tmp_path):
         "evaluate", "--config", small.write(tmp_path, {**small.content, "frames": 400}),
         "--output", tmp_path / "out", "--jobs", "2",
     ]
-    with subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTED, *arguments], stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    with popen(
+        "-c", INTERRUPTED, *arguments, stdout=subprocess.PIPE, start_new_session=True
     ) as process:
         assert process.stdout.readline() == "saved\n"
         os.killpg(process.pid, signal.SIGINT)
-        _, told = process.communicate(timeout=600)
+        _, told = process.communicate(timeout=longest_s())
     assert process.returncode == 130
     assert told == (
         "star_tracker evaluate: ended; start the same command again to go on from here\n"

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from star_tracker.attitude.attitude import Attitude
-from star_tracker.commands.options import ARCSEC_PER_RAD
+from star_tracker.geometry.spherical import ARCSEC_PER_RAD
 from star_tracker.identification.labels import StarState
 from star_tracker.nodes.watch.state import Frame, Report, Watched
 
