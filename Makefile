@@ -55,12 +55,14 @@ figures: $(ready)
 
 # Against other star identifiers, in a few minutes; ARGS=--full takes about ten times as long.
 benchmark: $(ready)-benchmark
-	$(python) benchmark/peers_benchmark.py $(ARGS)
+	$(python) -m star_tracker.commands.cli evaluate --config benchmark/benchmark.yaml \
+		--output benchmark/results/peers --jobs 1 $(ARGS)
+	cp benchmark/results/peers/report.md benchmark/RESULTS.md
 
 # The robustness report, in some minutes; what is done is kept in benchmark/results.
 report: $(ready)
 	$(python) -m star_tracker.commands.cli evaluate --output benchmark/results
-	$(python) benchmark/robustness_figure.py
+	cp benchmark/results/curves.png docs/robustness.png
 
 $(VENV)/.browser: requirements/browser.sh $(ready)
 	sh requirements/browser.sh "$(VENV)"

@@ -19,6 +19,9 @@ from star_tracker.geometry.spherical import Floats, position_angle, separation
 
 #: Companions of each guide star that make its triangles.
 COMPANIONS = 20
+#: More triangles than this are not made (some 50 MB): the companions are fewer then.
+MOST_TRIANGLES = 17_000_000
+_FEWEST_COMPANIONS = 6
 #: Cells of a shape: log ratio of the separations, log separation of the second companion over the
 #: mean spacing of the stars, and angle from the first to the second companion.
 RATIO_STEP, RATIO_LOW, RATIO_CELLS = 0.035, -0.21, 56
@@ -53,9 +56,15 @@ class TriangleTable(NamedTuple):
         return cls(np.zeros(1, np.int32), 0.0, rows, none, none.copy(), np.zeros((0, 0), np.int32))
 
     @classmethod
-    def build(cls, vectors: Floats, n_companions: int = COMPANIONS) -> "TriangleTable":
-        """Make the triangles of stars (n, 3) with the nearest `n_companions` of each."""
+    def build(cls, vectors: Floats, n_companions: int = 0) -> "TriangleTable":
+        """Make the triangles of stars (n, 3) with the nearest `n_companions` of each.
+
+        0 is automatic: 20, and fewer for more than 42,000 stars.
+        """
         n = len(vectors)
+        n_companions = n_companions or int(
+            np.clip(np.sqrt(MOST_TRIANGLES / max(n, 1)), _FEWEST_COMPANIONS, COMPANIONS)
+        )
         _, near = scipy.spatial.cKDTree(vectors).query(vectors, k=min(n_companions + 1, n))
         own = near == np.arange(n)[:, None]
         own[~own.any(axis=1), -1] = True
