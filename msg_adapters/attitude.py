@@ -1,15 +1,23 @@
-"""Attitude <-> QuaternionStamped, and boresight <-> Vector3Stamped."""
+"""Attitude -> QuaternionStamped, and boresight <-> Vector3Stamped."""
+
+from typing import TYPE_CHECKING
 
 import numpy as np
-from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
-from std_msgs.msg import Header
 
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.geometry.spherical import Floats
 
+if TYPE_CHECKING:
+    import geometry_msgs.msg
+    import std_msgs.msg
 
-def quaternion_from_attitude(attitude: Attitude, header: Header) -> QuaternionStamped:
+
+def quaternion_from_attitude(
+    attitude: Attitude, header: "std_msgs.msg.Header"
+) -> "geometry_msgs.msg.QuaternionStamped":
     """Write the quaternion that rotates camera-frame vectors into the header's frame."""
+    from geometry_msgs.msg import QuaternionStamped
+
     message = QuaternionStamped(header=header)
     x, y, z, w = (float(value) for value in attitude.quaternion_xyzw)
     message.quaternion.x, message.quaternion.y = x, y
@@ -17,14 +25,12 @@ def quaternion_from_attitude(attitude: Attitude, header: Header) -> QuaternionSt
     return message
 
 
-def array_from_quaternion(message: QuaternionStamped) -> Floats:
-    """Read the quaternion (4,), order x, y, z, w."""
-    q = message.quaternion
-    return np.array([q.x, q.y, q.z, q.w])
-
-
-def boresight_from_attitude(attitude: Attitude, header: Header) -> Vector3Stamped:
+def boresight_from_attitude(
+    attitude: Attitude, header: "std_msgs.msg.Header"
+) -> "geometry_msgs.msg.Vector3Stamped":
     """Write right ascension, declination and roll, degrees, as x, y, z."""
+    from geometry_msgs.msg import Vector3Stamped
+
     message = Vector3Stamped(header=header)
     message.vector.x = float(np.degrees(attitude.ra_rad))
     message.vector.y = float(np.degrees(attitude.dec_rad))
@@ -32,6 +38,6 @@ def boresight_from_attitude(attitude: Attitude, header: Header) -> Vector3Stampe
     return message
 
 
-def array_from_boresight(message: Vector3Stamped) -> Floats:
+def array_from_boresight(message: "geometry_msgs.msg.Vector3Stamped") -> Floats:
     """Read right ascension, declination and roll (3,), degrees."""
     return np.array([message.vector.x, message.vector.y, message.vector.z])

@@ -1,12 +1,19 @@
 """Focal length -> diagnostic status, and the sentence of the service `calibrate`."""
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from typing import TYPE_CHECKING
 
 from star_tracker.calibration.focal_length import FocalLength
 
+if TYPE_CHECKING:
+    import diagnostic_msgs.msg
 
-def status_from_focal_length(focal_length: FocalLength, name: str) -> DiagnosticStatus:
+
+def status_from_focal_length(
+    focal_length: FocalLength, name: str
+) -> "diagnostic_msgs.msg.DiagnosticStatus":
     """Write an estimate: level OK once a frame has gone in, else WARN."""
+    from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
     f = focal_length
     values = {
         "nominal_px": f"{f.nominal_px:.3f}",

@@ -1,23 +1,31 @@
 """Attitude -> Imu: the orientation with its covariance, all else marked as absent."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from sensor_msgs.msg import Imu
-from std_msgs.msg import Header
 
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.geometry.spherical import Floats
+
+if TYPE_CHECKING:
+    import sensor_msgs.msg
+    import std_msgs.msg
 
 #: REP-145 and the message itself: the first element -1 says that a quantity is not there.
 _ABSENT = [-1.0, *[0.0] * 8]
 
 
-def imu_from_attitude(attitude: Attitude, header: Header) -> Imu:
+def imu_from_attitude(
+    attitude: Attitude, header: "std_msgs.msg.Header"
+) -> "sensor_msgs.msg.Imu":
     """Write the orientation of the sensor frame that the header names, as seen from ICRS.
 
     The covariance P of an attitude is of a small rotation about the camera's axes,
     R = R_true exp(d). Imu has it about the fixed axes of the reference frame, R = exp(e) R_true:
     e = R_true d, whose covariance is R P R^T, rad^2.
     """
+    from sensor_msgs.msg import Imu
+
     message = Imu(header=header)
     x, y, z, w = (float(value) for value in attitude.quaternion_xyzw)
     message.orientation.x, message.orientation.y = x, y
@@ -37,7 +45,7 @@ def reference_covariance(attitude: Attitude) -> Floats:
     return np.asarray((covariance + covariance.T) / 2)
 
 
-def orientation_from_imu(message: Imu) -> tuple[Floats, Floats]:
+def orientation_from_imu(message: "sensor_msgs.msg.Imu") -> tuple[Floats, Floats]:
     """Read the quaternion (4,), order x, y, z, w, and its covariance (3, 3), rad^2."""
     q = message.orientation
     covariance = np.asarray(message.orientation_covariance, float).reshape(3, 3)

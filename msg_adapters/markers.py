@@ -4,28 +4,28 @@ The markers stand in the reference frame with the camera at its origin. Their co
 for a view from within a few metres, as RViz and Foxglove open with.
 """
 
-import numpy as np
-from geometry_msgs.msg import Point
-from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import Marker, MarkerArray
+from typing import TYPE_CHECKING
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution
 
+if TYPE_CHECKING:
+    import geometry_msgs.msg
+    import std_msgs.msg
+    import visualization_msgs.msg
+
 _STAR_M, _LABEL_M, _LINE_M = 0.004, 0.01, 0.001
-_STAR = ColorRGBA(r=1.0, g=0.9, b=0.4, a=1.0)
-_LABEL = ColorRGBA(r=0.8, g=0.8, b=0.8, a=1.0)
-_LINE = ColorRGBA(r=0.2, g=0.7, b=1.0, a=1.0)
-#: Points of each side of the field of view: a lens bends them.
-_SIDE = 9
+_STAR, _LABEL, _LINE = (1.0, 0.9, 0.4), (0.8, 0.8, 0.8), (0.2, 0.7, 1.0)  # red, green, blue
 
 
 def markers_from_solution(
-    solution: Solution, camera: Camera, catalog: StarCatalog, header: Header
-) -> MarkerArray:
+    solution: Solution, camera: Camera, catalog: StarCatalog, header: "std_msgs.msg.Header"
+) -> "visualization_msgs.msg.MarkerArray":
     """Draw a solved frame; of an unsolved one only the order to remove what was drawn before."""
+    from visualization_msgs.msg import Marker, MarkerArray
+
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     if solution.attitude is None:
         return MarkerArray(markers=markers)
@@ -45,7 +45,7 @@ def markers_from_solution(
         markers.append(label)
     outline = _marker(header, "field_of_view", Marker.LINE_STRIP, _LINE)
     outline.scale.x = _LINE_M
-    border = camera.with_parity(solution.parity).vectors(_border(camera))
+    border = camera.with_parity(solution.parity).outline
     outline.points = [_point(vector) for vector in border @ solution.attitude.rotation.T]
     markers.append(outline)
     return MarkerArray(markers=markers)
@@ -57,23 +57,21 @@ def star_name(catalog: StarCatalog, index: int) -> str:
     return f"HIP {hip}" if hip > 0 else f"star {int(catalog.number[index])}"
 
 
-def _marker(header: Header, namespace: str, kind: int, colour: ColorRGBA) -> Marker:
-    marker = Marker(header=header, ns=namespace, type=int(kind), action=Marker.ADD, color=colour)
+def _marker(
+    header: "std_msgs.msg.Header", namespace: str, kind: int, colour: tuple[float, float, float]
+) -> "visualization_msgs.msg.Marker":
+    from std_msgs.msg import ColorRGBA
+    from visualization_msgs.msg import Marker
+
+    red, green, blue = colour
+    marker = Marker(header=header, ns=namespace, type=int(kind), action=Marker.ADD)
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
     marker.pose.orientation.w = 1.0
     return marker
 
 
-def _border(camera: Camera) -> Floats:
-    """Return pixels (n, 2) around the image; the last is the first again."""
-    along = np.linspace(0.0, 1.0, _SIDE)[:-1]
-    back, none = 1 - along, np.zeros_like(along)
-    unit = np.concatenate([
-        np.column_stack([along, none]), np.column_stack([none + 1, along]),
-        np.column_stack([back, none + 1]), np.column_stack([none, back]), [[0.0, 0.0]],
-    ])
-    return unit * (camera.width_px, camera.height_px)
+def _point(vector: Floats) -> "geometry_msgs.msg.Point":
+    from geometry_msgs.msg import Point
 
-
-def _point(vector: Floats) -> Point:
     x, y, z = (float(value) for value in vector)
     return Point(x=x, y=y, z=z)

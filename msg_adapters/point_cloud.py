@@ -1,26 +1,25 @@
 """PointCloud2 <-> arrays: centroids of a frame, and identified stars."""
 
 import array
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import PointCloud2, PointField
-from std_msgs.msg import Header
 
-from msg_adapters import MessageError
+from msg_adapters import MessageError, shown
+from msg_adapters.centroids import Centroids
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.labels import Identification
 
-_FORMATS = {
-    PointField.INT8: "i1", PointField.UINT8: "u1", PointField.INT16: "i2", PointField.UINT16: "u2",
-    PointField.INT32: "i4", PointField.UINT32: "u4", PointField.FLOAT32: "f4",
-    PointField.FLOAT64: "f8",
-}
-_COORDINATES = (PointField.FLOAT32, PointField.FLOAT64)
-#: Characters of a field's name that are shown in an error.
-_LONGEST_NAME = 40
+if TYPE_CHECKING:
+    import sensor_msgs.msg
+    import std_msgs.msg
+
+#: The data types of PointField, INT8 to FLOAT64, as numpy names them.
+_FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+#: Fields that an error names as those there are.
+_MOST_NAMED = 4
 #: One row of `identified_stars`; the names are those of the topic's fields.
 STAR_DTYPE = np.dtype([
     ("x", "<f4"), ("y", "<f4"), ("star_number", "<u4"), ("hip", "<u4"), ("ra_deg", "<f8"),
@@ -28,30 +27,33 @@ STAR_DTYPE = np.dtype([
 ])
 
 
-@dataclass(frozen=True)
-class Centroids:
-    """Centroids of one frame: pixels (n, 2) and, where given, intensities (n,)."""
+def centroids_from_cloud(
+    message: "sensor_msgs.msg.PointCloud2", *, x: str = "x", y: str = "y",
+    intensity: str | None = None,
+) -> Centroids:
+    """Read the coordinates of a cloud's points, pixels, and their intensity where it has one.
 
-    xy_px: Floats
-    intensity: Floats | None = None
+    Args:
+        message: the cloud, of any height: its points are taken row by row. NaN passes.
+        x, y: the fields of the coordinates, of any data type.
+        intensity: the field of the brightness, larger = brighter. None for the field `intensity`,
+            if there is one.
 
-
-def centroids_from_cloud(message: PointCloud2) -> Centroids:
-    """Read fields x, y and, where present, intensity. Raises MessageError if malformed."""
+    Raises MessageError for a malformed cloud or one without the coordinates.
+    """
     if message.width == 0 or message.height == 0:
         return Centroids(np.empty((0, 2)))
     points = points_from_cloud(message)
-    for name in ("x", "y"):
-        _require_coordinate(message, name)
     with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
-        xy = np.column_stack([points["x"].astype(float), points["y"].astype(float)])
-        if "intensity" not in (points.dtype.names or ()):
+        xy = np.column_stack([_column(points, x), _column(points, y)])
+        if intensity is None and "intensity" not in (points.dtype.names or ()):
             return Centroids(xy)
-        _require_one_value(points, "intensity")
-        return Centroids(xy, points["intensity"].astype(float))
+        return Centroids(xy, _column(points, intensity or "intensity"))
 
 
-def cloud_from_centroids(centroids: Centroids, header: Header) -> PointCloud2:
+def cloud_from_centroids(
+    centroids: Centroids, header: "std_msgs.msg.Header"
+) -> "sensor_msgs.msg.PointCloud2":
     """Write x, y (float64) and, where given, intensity (float32)."""
     fields = [("x", "<f8"), ("y", "<f8")]
     if centroids.intensity is not None:
@@ -64,8 +66,9 @@ def cloud_from_centroids(centroids: Centroids, header: Header) -> PointCloud2:
 
 
 def cloud_from_identification(
-    identification: Identification, xy_px: Floats, catalog: StarCatalog, header: Header
-) -> PointCloud2:
+    identification: Identification, xy_px: Floats, catalog: StarCatalog,
+    header: "std_msgs.msg.Header",
+) -> "sensor_msgs.msg.PointCloud2":
     """Write one point for each centroid, in input order, as `STAR_DTYPE` (0 or NaN = none)."""
     stars = np.zeros(len(xy_px), STAR_DTYPE)
     with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
@@ -84,7 +87,7 @@ def cloud_from_identification(
     return cloud_from_points(stars, header)
 
 
-def stars_from_cloud(message: PointCloud2) -> NDArray[np.void]:
+def stars_from_cloud(message: "sensor_msgs.msg.PointCloud2") -> NDArray[np.void]:
     """Read `identified_stars` as a structured array of `STAR_DTYPE`."""
     points = points_from_cloud(message)
     missing = set(STAR_DTYPE.names or ()) - set(points.dtype.names or ())
@@ -97,38 +100,50 @@ def stars_from_cloud(message: PointCloud2) -> NDArray[np.void]:
     return stars
 
 
-def points_from_cloud(message: PointCloud2) -> NDArray[np.void]:
-    """View a cloud of height 1 as a structured array (n,) with the cloud's own field names.
+def points_from_cloud(message: "sensor_msgs.msg.PointCloud2") -> NDArray[np.void]:
+    """View a cloud, row by row, as a structured array (n,) with the cloud's own field names.
 
     Raises MessageError where sizes, offsets or data types do not agree with each other.
     """
-    if message.height != 1 and message.width > 0:
-        raise MessageError(f"PointCloud2 height is {message.height}: a frame has height 1")
-    expected = message.width * message.point_step
-    if (message.point_step == 0 and message.width > 0) or len(message.data) != expected:
-        raise MessageError(
-            f"PointCloud2 data has {len(message.data)} bytes, but width {message.width} x "
-            f"point_step {message.point_step} is {expected}: make them agree"
-        )
-    return np.frombuffer(message.data, _layout(message))
+    height, width, step = int(message.height), int(message.width), int(message.point_step)
+    row, n_bytes = width * step, len(message.data)
+    row_step, text = row, f"width {width} x point_step {step} is {row}"
+    if height != 1:
+        # Some drivers leave the row's step at 0. Of a single row it tells nothing.
+        row_step = int(message.row_step) or row
+        text = f"height {height} x row_step {row_step} is {height * row_step}"
+        if row_step < row:
+            raise MessageError(
+                f"PointCloud2 row_step {row_step} is less than width {width} x point_step {step}: "
+                "make them agree"
+            )
+    if n_bytes != height * row_step:
+        raise MessageError(f"PointCloud2 data has {n_bytes} bytes, but {text}: make them agree")
+    if step == 0 and height * width > 0:
+        raise MessageError("PointCloud2 has points, but point_step is 0: give their size in bytes")
+    dtype = _layout(message)
+    if n_bytes == 0:
+        return np.empty(0, dtype)
+    rows = np.ndarray((height, width), dtype, message.data, strides=(row_step, step))
+    return rows.reshape(-1)
 
 
-def _layout(message: PointCloud2) -> np.dtype:
+def _layout(message: "sensor_msgs.msg.PointCloud2") -> np.dtype:
     """Return the structured dtype that the fields of a cloud describe."""
     names = [field.name for field in message.fields]
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise MessageError(f"PointCloud2 names a field twice: {_shown(twice)}")
+        raise MessageError(f"PointCloud2 names a field twice: {shown(twice)}")
     order = ">" if message.is_bigendian else "<"
     layout: dict[str, tuple[str, int]] = {}
     for field in message.fields:
         if field.datatype not in _FORMATS:
-            raise MessageError(f"PointCloud2 field {_shown(field.name)} has no valid datatype")
+            raise MessageError(f"PointCloud2 field {shown(field.name)} has no valid datatype")
         form = order + _FORMATS[field.datatype]
         count = max(1, field.count)  # some writers leave the count of a single value at 0
         if field.offset + count * np.dtype(form).itemsize > message.point_step:
             raise MessageError(
-                f"PointCloud2 field {_shown(field.name)} at offset {field.offset} does not fit "
+                f"PointCloud2 field {shown(field.name)} at offset {field.offset} does not fit "
                 f"into point_step {message.point_step}"
             )
         layout[field.name] = (form if count == 1 else f"{count}{form}", field.offset)
@@ -140,14 +155,12 @@ def _layout(message: PointCloud2) -> np.dtype:
     })
 
 
-def _shown(name: str) -> str:
-    """Return a field's name as it can stand in a log: printable and not too long."""
-    text = name if name.isprintable() and name else ascii(name)
-    return text if len(text) <= _LONGEST_NAME else f"{text[:_LONGEST_NAME]}..."
-
-
-def cloud_from_points(points: NDArray[np.void], header: Header) -> PointCloud2:
+def cloud_from_points(
+    points: NDArray[np.void], header: "std_msgs.msg.Header"
+) -> "sensor_msgs.msg.PointCloud2":
     """Write a structured array (n,) of scalar fields as an unorganised cloud."""
+    from sensor_msgs.msg import PointCloud2, PointField
+
     codes = {form: code for code, form in _FORMATS.items()}
     fields = [
         PointField(name=name, offset=int(offset), datatype=codes[dtype.str[1:]], count=1)
@@ -169,9 +182,14 @@ def _require_one_value(points: NDArray[np.void], name: str) -> None:
         raise MessageError(f"PointCloud2 field {name} must hold one value for each point")
 
 
-def _require_coordinate(message: PointCloud2, name: str) -> None:
-    field = next((field for field in message.fields if field.name == name), None)
-    if field is None:
-        raise MessageError(f"PointCloud2 has no field {name}: centroids need fields x and y")
-    if field.datatype not in _COORDINATES or field.count not in (0, 1):
-        raise MessageError(f"PointCloud2 field {name} must be one FLOAT32 or FLOAT64 value (px)")
+def _column(points: NDArray[np.void], name: str) -> Floats:
+    """Return a field of one value for each point (n,) as float64."""
+    names = points.dtype.names or ()
+    if name not in names:
+        others = ", ".join(map(shown, names[:_MOST_NAMED])) or "none"
+        raise MessageError(
+            f"PointCloud2 has no field {shown(name)}, its fields are {others}: "
+            "rename it or name another"
+        )
+    _require_one_value(points, name)
+    return np.asarray(points[name].astype(float))

@@ -1,20 +1,25 @@
 """Solution -> DiagnosticArray of one status, and back to plain key-value text."""
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from std_msgs.msg import Header
+from typing import TYPE_CHECKING
 
 from msg_adapters import MessageError
 from star_tracker.identification.labels import StarState
 from star_tracker.solution import Solution, Status
 
+if TYPE_CHECKING:
+    import diagnostic_msgs.msg
+    import std_msgs.msg
+
 
 def diagnostics_from_solution(
-    solution: Solution, name: str, header: Header, hint: str = ""
-) -> DiagnosticArray:
+    solution: Solution, name: str, header: "std_msgs.msg.Header", hint: str = ""
+) -> "diagnostic_msgs.msg.DiagnosticArray":
     """Write how a frame ended: level OK where solved, ERROR for bad input, else WARN.
 
     A hint says what would solve a frame that was not solved, where that is known.
     """
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
     level = {Status.SOLVED: DiagnosticStatus.OK, Status.BAD_INPUT: DiagnosticStatus.ERROR}.get(
         solution.status, DiagnosticStatus.WARN
     )
@@ -43,12 +48,12 @@ def diagnostics_from_solution(
     return DiagnosticArray(header=header, status=[status])
 
 
-def values_from_diagnostics(message: DiagnosticArray) -> dict[str, str]:
+def values_from_diagnostics(message: "diagnostic_msgs.msg.DiagnosticArray") -> dict[str, str]:
     """Read the keys and values of the message's only status."""
     return {pair.key: pair.value for pair in message.status[0].values}
 
 
-def name_from_diagnostics(message: DiagnosticArray) -> str:
+def name_from_diagnostics(message: "diagnostic_msgs.msg.DiagnosticArray") -> str:
     """Read the name of the node that answers. Raises MessageError where there is no status."""
     if not message.status:
         raise MessageError("DiagnosticArray holds no status: a solution has one")

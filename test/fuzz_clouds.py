@@ -10,7 +10,7 @@ import os
 import numpy as np
 from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
-from sensor_msgs.msg import CameraInfo, PointCloud2, PointField
+from sensor_msgs.msg import CameraInfo, PointCloud2, PointField, RegionOfInterest
 from std_msgs.msg import Header
 
 #: Cases of each fuzz test in continuous integration.
@@ -86,14 +86,15 @@ def clouds(draw):
     fields, end = _fields(draw, sound=sound)
     width = draw(st.integers(0, 40) if _right(draw, sound=sound) else UINT32)
     step = end + draw(st.integers(0, 9)) if _right(draw, sound=sound) else draw(UINT32)
-    length = width * step
+    height = draw(st.sampled_from([1, 1, 2, 5]) if _right(draw, sound=sound) else UINT32)
+    row_step = width * step + (draw(st.sampled_from([0, 0, 4, 64])) if height != 1 else 0)
+    length = height * row_step
     if length > 4_000 or not _right(draw, sound=sound):
         length = draw(st.one_of(st.integers(0, 300), st.just(min(length, 4_000))))
-    height = 1 if _right(draw, sound=sound) else draw(UINT32)
     return PointCloud2(
         header=Header(), height=height, width=width, fields=fields,
         is_bigendian=draw(st.booleans()), point_step=step,
-        row_step=draw(st.one_of(st.just(min(width * step, 2**32 - 1)), UINT32)),
+        row_step=draw(st.one_of(st.just(min(row_step, 2**32 - 1)), UINT32)),
         data=array.array("B", _bytes(draw, length)), is_dense=draw(st.booleans()),
     )
 
@@ -140,15 +141,28 @@ SIDE = st.one_of(st.sampled_from([64, 512, 1024]), UINT32)
 
 @st.composite
 def camera_infos(draw):
-    """Any CameraInfo: K, distortion and size each sound or not."""
+    """Any CameraInfo: K, P, R, distortion, size, region and binning each sound or not."""
     k = [600.0, 0.0, 32.0, 0.0, 600.0, 32.0, 0.0, 0.0, 1.0]
     for at in draw(st.lists(st.integers(0, 8), max_size=3)):
         k[at] = draw(NUMBER)
+    p = [*k[:3], -30.0, *k[3:6], 0.0, *k[6:], 0.0]
+    r = [float(value) for value in np.eye(3).ravel()]
+    if draw(st.integers(0, 3)) == 0:
+        p[draw(st.integers(0, 11))] = draw(NUMBER)
+        r[draw(st.integers(0, 8))] = draw(NUMBER)
+    roi, binning = RegionOfInterest(), (0, 0)
+    if draw(st.integers(0, 3)) == 0:
+        roi = RegionOfInterest(
+            x_offset=draw(UINT32), y_offset=draw(UINT32), width=draw(SIDE), height=draw(SIDE)
+        )
+    if draw(st.integers(0, 3)) == 0:
+        binning = draw(st.tuples(UINT32, UINT32))
     model = draw(st.sampled_from([
-        "", "plumb_bob", "rational_polynomial", "equidistant", "fisheye",
+        "", "plumb_bob", "rational_polynomial", "equidistant", "fisheye", "none", "a\x00\n",
     ]))
     return CameraInfo(
-        width=draw(SIDE), height=draw(SIDE), k=k, distortion_model=model,
+        width=draw(SIDE), height=draw(SIDE), k=k, p=p, r=r, distortion_model=model, roi=roi,
+        binning_x=binning[0], binning_y=binning[1],
         d=draw(st.one_of(st.just([]), st.lists(NUMBER, max_size=14), st.lists(
             st.floats(-0.3, 0.3), max_size=8,
         ))),

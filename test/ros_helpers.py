@@ -9,6 +9,7 @@ import itertools
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
@@ -47,6 +48,18 @@ def new_header(frame_id="camera"):
 def frame_of(xy_px, header=None):
     """Return the message of a frame with these centroids (n, 2)."""
     return cloud_from_centroids(Centroids(xy_px), header or new_header())
+
+
+def array_from_quaternion(message):
+    """Return the quaternion (4,) of a QuaternionStamped, order x, y, z, w."""
+    q = message.quaternion
+    return np.array([q.x, q.y, q.z, q.w])
+
+
+def health_from_diagnostics(message, name):
+    """Return the keys and values of the status of this name in a DiagnosticArray."""
+    (status,) = [status for status in message.status if status.name == name]
+    return {pair.key: pair.value for pair in status.values}
 
 
 @dataclass

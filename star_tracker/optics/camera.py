@@ -16,12 +16,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from star_tracker.compiled import compiled, inlined
 from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.distortion import (
     LENS_AT,
+    LIMIT_AT,
     NOT_INVERTIBLE,
     OPTICS_SIZE,
     Distortion,
@@ -36,6 +37,12 @@ FOV_RANGE_DEG = (0.5, 120.0)
 MOST_TOLERANCE_PERCENT = 30.0
 #: Sizes and places beyond, and pixels so many times longer than wide, are no camera's.
 _LARGEST_PX, _MOST_OBLONG = 1e6, 10.0
+#: Points of each side of the image's border, the corner it begins at among them: a lens bends it.
+_SIDE = 8
+#: Halvings that find the last pixel with a ray on the way to a border that has none.
+_BISECTIONS = 20
+#: The middle of an image that a lens has to show, in image sizes.
+_MIDDLE = (3 / 8, 1 / 2, 5 / 8)
 
 
 def vectors_of_plane(points: Floats) -> Floats:
@@ -132,18 +139,13 @@ class Camera:
 
     @property
     def fov_deg(self) -> float:
-        """Full angle across the width of the image, degrees."""
+        """Full angle across the width of the image, degrees, not counting what a lens bends."""
         return math.degrees(2 * math.atan(self.width_px / 2 / self.fx_px))
 
     @property
     def focal_length_px(self) -> float:
         """Mean focal length: the scale by which small angles (rad) become pixels."""
         return math.sqrt(self.fx_px * self.fy_px)
-
-    @property
-    def area_px2(self) -> float:
-        """Area of the image."""
-        return float(self.width_px) * self.height_px
 
     def scaled(self, scale: float) -> "Camera":
         """Return the same camera with its focal lengths multiplied."""
@@ -161,19 +163,54 @@ class Camera:
 
     @cached_property
     def radius_rad(self) -> float:
-        """Largest angle between the boresight and a point of the image's border."""
-        along = np.linspace(0.0, 1.0, 9)
-        w, h = float(self.width_px), float(self.height_px)
-        border = np.concatenate([
-            np.column_stack([along * w, 0 * along]), np.column_stack([along * w, 0 * along + h]),
-            np.column_stack([0 * along, along * h]), np.column_stack([0 * along + w, along * h]),
-        ])
-        vectors = self.definite()[0].vectors(border)
+        """Largest angle between the boresight and anything that the camera sees.
+
+        It is seen at a point of the image's border, or at the lens' limit where that lies in the
+        image. Raises ValueError where the lens does not even show the middle of the image.
+        """
+        vectors, lens = self.outline, self.distortion
+        if lens is not None and not self.has_ray(self._border()).all():
+            return math.atan(lens.limit)
         return float(np.max(np.arctan2(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])))
 
     @cached_property
+    def outline(self) -> Floats:
+        """Unit vectors (33, 3) around what the camera sees, the last being the first again.
+
+        They are those of the image's border. Where the lens has no ray for it, those of the last
+        pixels that have one on the way to it from the middle of the image. For parity `auto` as
+        for `normal`. Raises ValueError where the lens does not even show the middle.
+        """
+        size = np.array([self.width_px, self.height_px], float)
+        if not self.has_ray(np.array([(x, y) for x in _MIDDLE for y in _MIDDLE]) * size).all():
+            raise ValueError(NO_MIDDLE)
+        border = self._border()
+        shown = self.has_ray(border)
+        if not shown.all():
+            border = self._last_with_ray(np.where(shown[:, None], border, size / 2), border)
+        return self.definite()[0].vectors(border)
+
+    def _last_with_ray(self, low: Floats, high: Floats) -> Floats:
+        """Return the last pixels (n, 2) with a ray from those that have one to those that may."""
+        step = high - low
+        for _ in range(_BISECTIONS):
+            step = step / 2
+            low = np.where(self.has_ray(low + step)[:, None], low + step, low)
+        return low
+
+    def _border(self) -> Floats:
+        """Return pixels (33, 2) around the image, the last being the first again."""
+        along = np.arange(_SIDE) / _SIDE
+        back, none = 1 - along, np.zeros(_SIDE)
+        unit = np.concatenate([
+            np.column_stack([along, none]), np.column_stack([none + 1, along]),
+            np.column_stack([back, none + 1]), np.column_stack([none, back]), [[0.0, 0.0]],
+        ])
+        return unit * (self.width_px, self.height_px)
+
+    @cached_property
     def optics(self) -> Floats:
-        """The camera as an array (17,) for compiled code; only of definite parity."""
+        """The camera as an array (31,) for compiled code; only of definite parity."""
         optics = np.zeros(OPTICS_SIZE) if self.distortion is None else self.distortion.lens.copy()
         optics[:LENS_AT] = (
             self.width_px, self.height_px, self.fx_px, self.fy_px, self.cx_px, self.cy_px,
@@ -182,16 +219,27 @@ class Camera:
         return optics
 
     def plane(self, xy_px: ArrayLike) -> Floats:
-        """Return normalised coordinates X/Z, Y/Z (n, 2) of the optical frame for pixels (n, 2)."""
-        points, every = _plane_of_pixels(
-            self.optics, np.ascontiguousarray(xy_px, float).reshape(-1, 2)
-        )
-        if not every:
+        """Return normalised coordinates X/Z, Y/Z (n, 2) of the optical frame for pixels (n, 2).
+
+        Raises ValueError for a pixel that the lens has no ray for: see `has_ray`.
+        """
+        points, exists = _plane_of_pixels(self.optics, _rows(xy_px))
+        if not exists.all():
             raise ValueError(NOT_INVERTIBLE)
         return np.asarray(points)
 
+    def has_ray(self, xy_px: ArrayLike) -> NDArray[np.bool_]:
+        """Return for which pixels (n, 2) the lens has a ray, in the image or not.
+
+        Without distortion for all of them. A barrel lens may have none for the image's corners.
+        """
+        return np.asarray(_plane_of_pixels(self.definite()[0].optics, _rows(xy_px))[1])
+
     def pixels_of_plane(self, points: Floats) -> Floats:
-        """Return pixels (n, 2) for normalised coordinates (n, 2): the inverse of `plane`."""
+        """Return pixels (n, 2) for normalised coordinates (n, 2): the inverse of `plane`.
+
+        NaN for what is beyond the lens' limit (`Distortion.limit`): it has no pixel.
+        """
         return np.asarray(_pixels_of_plane(self.optics, np.ascontiguousarray(points)))
 
     def vectors(self, xy_px: ArrayLike) -> Floats:
@@ -201,18 +249,17 @@ class Camera:
     def pixels(self, vectors: ArrayLike) -> Floats:
         """Return pixels (n, 2) for vectors (n, 3) of the optical frame.
 
-        Raises ValueError for a vector that is not in front of the camera (z <= 0).
+        NaN for a vector beyond the lens' limit. Raises ValueError for one that is not in front of
+        the camera (z <= 0).
         """
         v = np.asarray(vectors, float).reshape(-1, 3)
         if np.any(v[:, 2] <= 0):
             raise ValueError("a direction behind the camera has no pixel: drop those with z <= 0")
         return self.pixels_of_plane(v[:, :2] / v[:, 2:])
 
-    def contains(self, xy_px: Floats, margin_px: float = 0.0) -> np.ndarray:
+    def contains(self, xy_px: ArrayLike, margin_px: float = 0.0) -> NDArray[np.bool_]:
         """Return which pixels (n, 2) lie in the image, widened by a margin; NaN does not."""
-        x, y = xy_px[:, 0], xy_px[:, 1]
-        inside = (x >= -margin_px) & (x <= self.width_px + margin_px)
-        return inside & (y >= -margin_px) & (y <= self.height_px + margin_px)
+        return np.asarray(_in_image_all(self.definite()[0].optics, _rows(xy_px), margin_px))
 
     def _y_sign(self) -> float:
         if self.parity == "auto":
@@ -220,6 +267,17 @@ class Camera:
                 "parity auto has no pixels of its own: use one of the cameras of definite()"
             )
         return -1.0 if self.parity == "mirrored" else 1.0
+
+
+#: What is wrong with a camera that cannot be used at all.
+NO_MIDDLE = (
+    "the distortion has no ray for the middle of the image: "
+    "check its coefficients and the principal point"
+)
+
+
+def _rows(xy_px: ArrayLike) -> Floats:
+    return np.ascontiguousarray(xy_px, float).reshape(-1, 2)
 
 
 @inlined
@@ -234,51 +292,57 @@ def plane_of_pixel(optics: Floats, x_px: float, y_px: float) -> tuple[float, flo
 
 @compiled
 def pixel_of_plane(optics: Floats, x: float, y: float) -> tuple[float, float]:
-    """Return the pixel of normalised coordinates: the inverse of `plane_of_pixel`."""
+    """Return the pixel of normalised coordinates: the inverse of `plane_of_pixel`.
+
+    NaN beyond the lens' limit. The polynomial has a value there too, often one in the image.
+    """
     y = y * optics[6]
     if optics[7] != 0.0:
+        if not x * x + y * y <= optics[LIMIT_AT]:
+            return np.nan, np.nan
         x, y = distort(optics, x, y)
     return x * optics[2] + optics[4], y * optics[3] + optics[5]
 
 
 @inlined
+def _beyond(at_px: float, size_px: float) -> float:
+    """Return how far outside of 0 to a size a coordinate lies, less than 0 within: the border."""
+    return max(-at_px, at_px - size_px)
+
+
+@inlined
 def in_image(optics: Floats, x_px: float, y_px: float, margin_px: float) -> bool:
     """Return whether a pixel lies in the image, widened by a margin; NaN does not."""
-    # Without branches: they would cost more than the comparisons.
-    return (
-        (x_px >= -margin_px) & (x_px <= optics[0] + margin_px)
-        & (y_px >= -margin_px) & (y_px <= optics[1] + margin_px)
-    )
+    # Without branches: they would cost more than the comparisons. Each by itself, since the
+    # larger of a number and NaN may be the number.
+    return (_beyond(x_px, optics[0]) <= margin_px) & (_beyond(y_px, optics[1]) <= margin_px)
 
 
 @compiled
 def outside_px(optics: Floats, points: Floats, n: int) -> None:
     """Write how far outside of the image normalised coordinates are: (n, 3), x, y, pixels.
 
-    Without a lens in a loop of its own, which is several times as fast.
+    Infinitely far where the lens has no pixel for them. Without a lens in a loop of its own, which
+    is several times as fast.
     """
-    width, height = optics[0], optics[1]
     if optics[7] == 0.0:
         for i in range(n):
             x_px = points[i, 0] * optics[2] + optics[4]
             y_px = points[i, 1] * optics[6] * optics[3] + optics[5]
-            points[i, 2] = max(-x_px, x_px - width, -y_px, y_px - height)
+            points[i, 2] = max(_beyond(x_px, optics[0]), _beyond(y_px, optics[1]))
         return
     for i in range(n):
         x_px, y_px = pixel_of_plane(optics, points[i, 0], points[i, 1])
-        outside = max(-x_px, x_px - width, -y_px, y_px - height)
-        # The polynomial may have no number for a point far outside.
-        points[i, 2] = outside if np.isfinite(outside) else np.inf
+        outside = max(_beyond(x_px, optics[0]), _beyond(y_px, optics[1]))
+        points[i, 2] = outside if np.isfinite(x_px + y_px) else np.inf
 
 
 @compiled
-def _plane_of_pixels(optics: Floats, xy_px: Floats) -> tuple[Floats, bool]:
-    points, every = np.empty(xy_px.shape), True
+def _plane_of_pixels(optics: Floats, xy_px: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    points, exists = np.empty(xy_px.shape), np.empty(len(xy_px), np.bool_)
     for i in range(len(xy_px)):
-        x, y, exists = plane_of_pixel(optics, xy_px[i, 0], xy_px[i, 1])
-        points[i, 0], points[i, 1] = x, y
-        every = every and exists
-    return points, every
+        points[i, 0], points[i, 1], exists[i] = plane_of_pixel(optics, xy_px[i, 0], xy_px[i, 1])
+    return points, exists
 
 
 @compiled
@@ -287,3 +351,11 @@ def _pixels_of_plane(optics: Floats, points: Floats) -> Floats:
     for i in range(len(points)):
         xy_px[i, 0], xy_px[i, 1] = pixel_of_plane(optics, points[i, 0], points[i, 1])
     return xy_px
+
+
+@compiled
+def _in_image_all(optics: Floats, xy_px: Floats, margin_px: float) -> NDArray[np.bool_]:
+    inside = np.empty(len(xy_px), np.bool_)
+    for i in range(len(xy_px)):
+        inside[i] = in_image(optics, xy_px[i, 0], xy_px[i, 1], margin_px)
+    return inside

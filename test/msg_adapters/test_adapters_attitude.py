@@ -7,7 +7,6 @@ from std_msgs.msg import Header
 
 from msg_adapters.attitude import (
     array_from_boresight,
-    array_from_quaternion,
     boresight_from_attitude,
     quaternion_from_attitude,
 )
@@ -21,12 +20,6 @@ HEADER.stamp.sec, HEADER.stamp.nanosec = 12, 345
 def attitude_at(ra_deg, dec_deg, roll_deg):
     rotation = rotation_from_boresight(*np.radians([ra_deg, dec_deg, roll_deg]))
     return Attitude.from_rotation(rotation, np.eye(3))
-
-
-def test_quaternion_round_trip():
-    attitude = attitude_at(109.6, 34.5, 90.0)
-    message = quaternion_from_attitude(attitude, HEADER)
-    np.testing.assert_array_equal(array_from_quaternion(message), attitude.quaternion_xyzw)
 
 
 def test_quaternion_order_is_x_y_z_w():

@@ -1,6 +1,7 @@
 """PointCloud2 <-> centroids and identified stars."""
 
 import array
+import re
 
 import numpy as np
 import pytest
@@ -81,10 +82,113 @@ def test_written_cloud_is_complete():
     assert not message.is_bigendian
 
 
-@pytest.mark.parametrize("form", ["f4", "f8"])
-def test_x_and_y_may_be_float32_or_float64(form):
-    message = cloud_of([("x", form), ("y", form)])
-    np.testing.assert_array_equal(centroids_from_cloud(message).xy_px, XY)
+@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize("form", ["i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"])
+def test_x_and_y_may_be_any_number(form, big_endian):
+    xy = np.array([(1, 127), (100, 2), (0, 55)], f"{'>' if big_endian else '<'}{form}")
+    types = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+    size = xy.dtype.itemsize
+    message = cloud(
+        [field("x", 0, types[form]), field("y", size, types[form])], xy.tobytes(), 2 * size, 3,
+        is_bigendian=big_endian,
+    )
+    np.testing.assert_array_equal(centroids_from_cloud(message).xy_px, xy.astype(float))
+
+
+def test_largest_integers_are_exact():
+    xy = np.array([(2**32 - 1, 2**31)], "<u4")
+    fields = [field("x", 0, PointField.UINT32), field("y", 4, PointField.UINT32)]
+    message = cloud(fields, xy.tobytes(), 8, 1)
+    np.testing.assert_array_equal(centroids_from_cloud(message).xy_px, [(2.0**32 - 1, 2.0**31)])
+
+
+def test_coordinates_may_go_by_other_names():
+    fields = [field("u", 0), field("v", 4), field("flux", 8), field("x", 12)]
+    data = np.array([(1.5, 2.5, 7, 9), (3, 4, 8, 9)], "<f4")
+    message = cloud(fields, data.tobytes(), 16, 2)
+    found = centroids_from_cloud(message, x="u", y="v", intensity="flux")
+    np.testing.assert_array_equal(found.xy_px, data[:, :2])
+    np.testing.assert_array_equal(found.intensity, [7, 8])
+    assert centroids_from_cloud(message, x="u", y="v").intensity is None
+
+
+def test_an_intensity_that_is_named_has_to_be_there():
+    text = r"^PointCloud2 has no field flux, its fields are x, y: rename it or name another$"
+    with pytest.raises(MessageError, match=text):
+        centroids_from_cloud(xy_cloud(), intensity="flux")
+
+
+# ---- organised clouds ------------------------------------------------------------------------
+
+GRID = np.arange(24.0).reshape(3, 4, 2)
+
+
+def organised(grid, **changes):
+    """A cloud of the height and width of an array (height, width, 2)."""
+    height, width, _ = grid.shape
+    return xy_cloud(**{
+        "height": height, "width": width, "row_step": 8 * width,
+        "data": array.array("B", grid.astype("<f4").tobytes()), **changes,
+    })
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (12, 1), (1, 12)])
+def test_points_of_an_organised_cloud_come_row_by_row(shape):
+    message = organised(GRID.reshape(*shape, 2))
+    np.testing.assert_array_equal(centroids_from_cloud(message).xy_px, GRID.reshape(-1, 2))
+
+
+def test_rows_may_be_padded():
+    rows = [row.astype("<f4").tobytes() + b"\xff" * 12 for row in GRID]
+    message = organised(GRID, row_step=44, data=array.array("B", b"".join(rows)))
+    np.testing.assert_array_equal(centroids_from_cloud(message).xy_px, GRID.reshape(-1, 2))
+
+
+@pytest.mark.parametrize("height", [1, 3])
+def test_row_step_zero_means_rows_without_padding(height):
+    message = organised(GRID[:height], row_step=0)
+    np.testing.assert_array_equal(
+        centroids_from_cloud(message).xy_px, GRID[:height].reshape(-1, 2)
+    )
+
+
+@pytest.mark.parametrize("row_step", [8, 32, 999])
+def test_the_row_step_of_a_single_row_tells_nothing(row_step):
+    message = organised(GRID[:1], row_step=row_step)
+    np.testing.assert_array_equal(centroids_from_cloud(message).xy_px, GRID[0])
+
+
+def test_points_behind_the_end_of_a_single_row_are_not_taken_for_padding():
+    text = r"data has 32 bytes, but width 3 x point_step 8 is 24: make them agree$"
+    with pytest.raises(MessageError, match=text):
+        centroids_from_cloud(organised(GRID[:1], width=3, row_step=32))
+
+
+def test_places_without_a_point_in_an_organised_cloud_stay_nan():
+    """Each centroid keeps its row: the frame leaves them out and counts them."""
+    grid = GRID.copy()
+    grid[1] = np.nan
+    found = centroids_from_cloud(organised(grid, is_dense=False)).xy_px
+    np.testing.assert_array_equal(found, grid.reshape(-1, 2))
+
+
+@pytest.mark.parametrize(("changes", "text"), [
+    ({"row_step": 16}, "row_step 16 is less than width 4 x point_step 8: make them agree"),
+    ({"row_step": 40}, "data has 96 bytes, but height 3 x row_step 40 is 120: make them agree"),
+    ({"height": 2}, "data has 96 bytes, but height 2 x row_step 32 is 64: make them agree"),
+    (
+        {"height": 2**32 - 1, "width": 2**32 - 1, "row_step": 0},
+        f"data has 96 bytes, but height {2**32 - 1} x row_step {8 * (2**32 - 1)} is "
+        f"{8 * (2**32 - 1) ** 2}: make them agree",
+    ),
+    (
+        {"point_step": 0, "row_step": 0, "data": array.array("B")},
+        "PointCloud2 has points, but point_step is 0: give their size in bytes",
+    ),
+])
+def test_organised_cloud_whose_sizes_disagree_is_refused(changes, text):
+    with pytest.raises(MessageError, match=f"{re.escape(text)}$"):
+        centroids_from_cloud(organised(GRID, **changes))
 
 
 @pytest.mark.parametrize("form", ["i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"])
@@ -173,12 +277,10 @@ def with_field(index, **changes):
 
 
 @pytest.mark.parametrize(("message", "text"), [
-    (with_field(0, name="u"), "has no field x: centroids need fields x and y"),
-    (with_field(1, name="v"), "has no field y: centroids need fields x and y"),
+    (with_field(0, name="u"), "has no field x, its fields are u, y: rename it or name another"),
+    (with_field(1, name="v"), "has no field y, its fields are x, v: rename it or name another"),
     (with_field(1, name="Y"), "has no field y"),
-    (with_field(0, datatype=PointField.INT32), "field x must be one FLOAT32 or FLOAT64 value"),
-    (with_field(1, datatype=PointField.UINT16), "field y must be one FLOAT32 or FLOAT64 value"),
-    (with_field(0, count=2), "field x must be one FLOAT32 or FLOAT64 value"),
+    (with_field(0, count=2), "field x must hold one value for each point"),
     (with_field(0, datatype=0), "field x has no valid datatype"),
     (with_field(1, datatype=9), "field y has no valid datatype"),
     (with_field(1, datatype=F8), "field y at offset 4 does not fit into point_step 8"),
@@ -186,14 +288,13 @@ def with_field(index, **changes):
     (with_field(1, offset=2**32 - 1), "field y at offset 4294967295 does not fit"),
     (with_field(1, count=2), "field y at offset 4 does not fit into point_step 8"),
     (with_field(1, name="x"), "names a field twice: x"),
-    (xy_cloud(height=2), "height is 2: a frame has height 1"),
     (xy_cloud(point_step=12), r"data has 24 bytes, but width 3 x point_step 12 is 36"),
     (xy_cloud(point_step=4), r"data has 24 bytes, but width 3 x point_step 4 is 12"),
     (xy_cloud(point_step=0), r"data has 24 bytes, but width 3 x point_step 0 is 0"),
     (xy_cloud(width=4), r"data has 24 bytes, but width 4 x point_step 8 is 32"),
     (xy_cloud(width=2**32 - 1), r"data has 24 bytes, but width 4294967295"),
     (xy_cloud(data=array.array("B")), r"data has 0 bytes, but width 3 x point_step 8 is 24"),
-    (xy_cloud(fields=[]), "has no field x"),
+    (xy_cloud(fields=[]), "has no field x, its fields are none"),
 ])
 def test_malformed_cloud_is_refused_with_the_reason(message, text):
     with pytest.raises(MessageError, match=text):
@@ -214,6 +315,7 @@ def test_intensity_of_several_values_is_refused():
 
 def random_cloud(rng):
     """A cloud of random layout, often well-formed in some parts, seldom in all."""
+    height = int(rng.choice([0, 1, 1, 1, 2]))
     names = ["x", "y", "intensity", "x", "y", "z", ""]
     fields = [
         field(
@@ -226,9 +328,9 @@ def random_cloud(rng):
     if rng.random() < 0.5:
         fields = [field("x", 0), field("y", 4), *fields]
     width, step = int(rng.integers(0, 4)), int(rng.choice([0, 8, 16, 24, 24]))
-    size = width * step if rng.random() < 0.9 else int(rng.integers(0, 50))
+    size = height * width * step if rng.random() < 0.9 else int(rng.integers(0, 50))
     return cloud(
-        fields, rng.bytes(size), step, width, height=int(rng.choice([0, 1, 1, 1, 2])),
+        fields, rng.bytes(size), step, width, height=height,
         is_bigendian=bool(rng.integers(2)),
     )
 

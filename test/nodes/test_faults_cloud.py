@@ -55,7 +55,7 @@ def read(message):
         assert sentence.isprintable()
         assert len(sentence) < LONGEST_SENTENCE
         return None
-    n = message.width if message.height else 0
+    n = message.width * message.height
     assert centroids.xy_px.shape == (n, 2)
     assert centroids.xy_px.dtype == np.float64
     if centroids.intensity is not None:
@@ -174,10 +174,10 @@ def test_any_camera_info_is_a_camera_or_refused_in_a_sentence(trackers):
     outcomes = Counter()
 
     @fuzzed
-    @given(message=camera_infos())
-    def each(message):
+    @given(message=camera_infos(), rectified=st.booleans())
+    def each(message, rectified):
         try:
-            camera = camera_from_info(message, "normal")
+            camera = camera_from_info(message, "normal", rectified=rectified)
         except MessageError as error:
             camera, sentence = None, str(error)
         outcomes["refused" if camera is None else "taken"] += 1

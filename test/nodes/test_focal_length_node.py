@@ -5,10 +5,9 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from ros_helpers import IdentifyClient, frame_of, open_bench
+from ros_helpers import IdentifyClient, frame_of, health_from_diagnostics, open_bench
 from std_srvs.srv import Trigger
 
-from msg_adapters.health import health_from_diagnostics
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.nodes.identify import focal_length_watch
 from star_tracker.nodes.identify_node import IdentifyNode

@@ -9,12 +9,19 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.qos import ReliabilityPolicy
-from ros_helpers import IdentifyClient, frame_of, new_header, open_bench, stamp_ns
+from ros_helpers import (
+    IdentifyClient,
+    array_from_quaternion,
+    frame_of,
+    new_header,
+    open_bench,
+    stamp_ns,
+)
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from waiting import longest_s
 
-from msg_adapters.attitude import array_from_boresight, array_from_quaternion
+from msg_adapters.attitude import array_from_boresight
 from msg_adapters.camera_info import info_from_camera
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation, unit_vectors
@@ -379,13 +386,27 @@ def test_distortion_of_camera_info_is_undone(info_client):
     assert float(outcome.values["rms_px"]) < 0.01
 
 
+def test_centroids_that_the_lens_has_no_ray_for_are_left_out_and_counted(info_client):
+    """A lens of k1 = -5 turns 14.5 deg from its axis: it has no ray for the image's corners."""
+    ideal = MAPS[7].camera
+    camera = replace(ideal, distortion=Distortion("plumb_bob", (-5.0, 0.0, 0.0, 0.0, 0.0)))
+    bent = camera.pixels_of_plane(ideal.plane(MAPS[7].xy_px))
+    seen = np.flatnonzero(camera.contains(bent))
+    frame = frame_of(np.concatenate([[(1.0, 1.0), (1020.0, 1020.0)], bent[seen]]))
+    send_info(info_client, camera, frame.header)
+    info_client.publish(frame)
+    outcome = info_client.outcome(frame)
+    assert (outcome.status, outcome.values["ignored"]) == ("SOLVED", "2")
+    star = outcome.stars["star_number"]
+    np.testing.assert_array_equal(star, [0, 0, *MAPS[7].star_number[seen]])
+
+
 @pytest.mark.parametrize("lens", [
-    Distortion("plumb_bob", (-5.0, 0.0, 0.0, 0.0, 0.0)),
-    Distortion("equidistant", (-5.0, 0.0, 0.0, 0.0)),
+    Distortion("plumb_bob", (-500.0, 0.0, 0.0, 0.0, 0.0)),
+    Distortion("equidistant", (-500.0, 0.0, 0.0, 0.0)),
     Distortion("plumb_bob", (1e30,) * 5),
-    Distortion("plumb_bob", (3.0, 1.0, 1.0, 0.0, -3.0)),  # reaches the corners, but not all inside
 ])
-def test_distortion_that_cannot_be_undone_is_bad_input_and_the_node_goes_on(info_client, lens):
+def test_a_lens_that_does_not_show_the_middle_is_refused_and_the_node_goes_on(info_client, lens):
     camera = replace(MAPS[7].camera, distortion=lens)
     frame = send_with_info(info_client, 7, camera)
     assert info_client.outcome(frame).status == "BAD_INPUT"
@@ -510,12 +531,12 @@ def malformed_field(index, **changes):
 
 @pytest.mark.parametrize(("make", "reason"), [
     (lambda: malformed(fields=[]), "has no field x"),
-    (lambda: malformed(height=2), "height is 2"),
+    (lambda: malformed(height=2), "data has 240 bytes, but height 2 x row_step 240 is 480"),
     (lambda: malformed(data=array.array("B", bytes(7))), "data has 7 bytes"),
-    (lambda: malformed(point_step=0), "data has 240 bytes"),
+    (lambda: malformed(point_step=0), "data has 240 bytes, but width 15 x point_step 0 is 0"),
     (lambda: malformed(width=2**32 - 1), "data has 240 bytes"),
     (lambda: malformed_field(1, name="x"), "names a field twice"),
-    (lambda: malformed_field(0, datatype=5), "field x must be one FLOAT32 or FLOAT64 value"),
+    (lambda: malformed_field(0, datatype=7, count=2), "field x must hold one value"),
     (lambda: malformed_field(0, datatype=77), "field x has no valid datatype"),
     (lambda: malformed_field(1, offset=2**32 - 1), "field y at offset 4294967295 does not fit"),
     (lambda: malformed_field(1, count=2**32 - 1), "field y at offset 8 does not fit"),

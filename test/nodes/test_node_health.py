@@ -5,12 +5,18 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from ros_helpers import IdentifyClient, frame_of, new_header, open_bench, stamp_ns
+from ros_helpers import (
+    IdentifyClient,
+    array_from_quaternion,
+    frame_of,
+    health_from_diagnostics,
+    new_header,
+    open_bench,
+    stamp_ns,
+)
 from sensor_msgs.msg import Imu
 from visualization_msgs.msg import Marker, MarkerArray
 
-from msg_adapters.attitude import array_from_quaternion
-from msg_adapters.health import health_from_diagnostics
 from msg_adapters.imu import orientation_from_imu
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.maps.star_map import paper_maps
@@ -90,7 +96,7 @@ def test_health_counts_what_happens():
         values = health(client, lambda values: values["frames"] == "5")
         assert (values["solved"], values["solve_ratio"]) == ("3", "0.600")
         assert values["rejected_malformed_cloud"] == "1"
-        assert values["last_reason"].startswith("BAD_INPUT: PointCloud2 height is 2")
+        assert values["last_reason"].startswith("BAD_INPUT: PointCloud2 data has ")
         assert values["false_star_ratio"] == "0.000"
         assert 0 < float(values["latency_p50_ms"]) <= float(values["latency_p95_ms"])
         assert float(values["latency_p95_ms"]) <= float(values["latency_max_ms"])

@@ -5,11 +5,17 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
-from ros_helpers import IdentifyClient, frame_of, new_header, open_bench, stamp_ns
+from ros_helpers import (
+    IdentifyClient,
+    frame_of,
+    health_from_diagnostics,
+    new_header,
+    open_bench,
+    stamp_ns,
+)
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from msg_adapters.camera_info import info_from_camera
-from msg_adapters.health import health_from_diagnostics
 from msg_adapters.solution import values_from_diagnostics
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.nodes.identify_node import IdentifyNode

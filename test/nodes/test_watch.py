@@ -103,7 +103,7 @@ def test_messages_that_cannot_be_read_are_told_and_outlived(monkeypatch):
             troubles.append(watched.trouble)
         assert send(bench, MAP1.xy_px).status == "SOLVED"
     assert troubles == [
-        "identified_stars: PointCloud2 height is 2: a frame has height 1",
+        "identified_stars: PointCloud2 has points, but point_step is 0: give their size in bytes",
         "solution: DiagnosticArray holds no status: a solution has one",
         "imu: the orientation is no rotation",
     ]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from star_tracker.geometry.spherical import separation
-from star_tracker.optics.camera import Camera
+from star_tracker.optics.camera import Camera, outside_px
 from star_tracker.optics.distortion import Distortion
 
 #: 256 / tan(6 deg) and 512 / tan(10 deg), from a table of tangents.
@@ -145,9 +145,8 @@ def test_no_pixel_of_a_distorted_image_lies_beyond_the_radius(k1):
     assert np.max(separation(camera.vectors(xy), (0.0, 0.0, 1.0))) <= camera.radius_rad + 1e-12
 
 
-def test_area_and_mean_focal_length():
+def test_mean_focal_length():
     camera = camera_of()
-    assert camera.area_px2 == 480_000
     assert camera.focal_length_px == pytest.approx(math.sqrt(2000 * 2100))
 
 
@@ -165,6 +164,23 @@ def test_a_margin_widens_the_image_on_all_sides():
 def test_image_contains_nothing_that_is_not_finite():
     xy = np.array([(np.nan, 5), (5, np.nan), (np.inf, 5), (5, -np.inf)])
     assert not camera_of().contains(xy, 1e9).any()
+
+
+def test_the_border_is_the_same_where_the_parity_is_unknown():
+    xy = np.array([(0, 0), (800, 600), (-0.01, 5), (5, 600.01)])
+    inside = camera_of().contains(xy)
+    np.testing.assert_array_equal(camera_of(parity="auto").contains(xy), inside)
+
+
+@pytest.mark.parametrize("distortion", [None, BARREL])
+@pytest.mark.parametrize("parity", ["normal", "mirrored"])
+def test_what_is_outside_and_how_far_agrees_with_what_the_image_contains(parity, distortion):
+    camera = camera_of(parity=parity, distortion=distortion)
+    xy = np.array([(0, 0), (800, 600), (400, 300), (-30, 5), (810, 700), (5, -2), (5, 601.5)])
+    points = np.column_stack([camera.plane(xy), np.empty(len(xy))])
+    outside_px(camera.optics, points, len(xy))
+    np.testing.assert_allclose(points[:, 2], [0, 0, -300, 30, 100, 2, 1.5], atol=1e-9)
+    np.testing.assert_array_equal(camera.contains(xy, 1e-6), points[:, 2] < 1e-6)
 
 
 @pytest.mark.parametrize("parity", ["normal", "mirrored"])
@@ -201,6 +217,99 @@ def test_a_direction_behind_the_camera_has_no_pixel(vector):
     assert str(refused.value) == (
         "a direction behind the camera has no pixel: drop those with z <= 0"
     )
+
+
+# A lens that has no ray for the corners
+
+
+#: K and D of a calibration that somebody uses (ros-perception/image_pipeline #154).
+BLIND_CORNERS = Distortion("plumb_bob", (-0.405, 0.267, 0.0, 0.0, -0.130))
+
+
+def blind_camera(**changes):
+    values = {
+        "width_px": 752, "height_px": 480, "fx_px": 531.4, "fy_px": 531.4, "cx_px": 376.0,
+        "cy_px": 240.0, "distortion": BLIND_CORNERS,
+    }
+    return Camera(**(values | changes))
+
+
+def bent_radius(r):
+    """Its polynomial, by hand."""
+    return r * (1 - 0.405 * r**2 + 0.267 * r**4 - 0.130 * r**6)
+
+
+def test_a_pixel_has_a_ray_up_to_where_the_polynomial_turns():
+    camera, turn = blind_camera(), 1.06816
+    x, y = np.meshgrid(np.linspace(0, 752, 95), np.linspace(0, 480, 61))
+    xy = np.column_stack([x.ravel(), y.ravel()])
+    radius = np.hypot(*(xy - (376, 240)).T) / 531.4
+    np.testing.assert_array_equal(camera.has_ray(xy), radius < bent_radius(turn))
+    assert 0.9 < camera.has_ray(xy).mean() < 0.99
+
+
+def test_without_distortion_each_pixel_has_a_ray():
+    assert blind_camera(distortion=None).has_ray([(0, 0), (-1e5, 9e5)]).all()
+
+
+def test_a_pixel_without_a_ray_has_no_direction():
+    with pytest.raises(ValueError, match=r"^the distortion cannot be inverted for a point"):
+        blind_camera().vectors([(376, 240), (0, 0)])
+
+
+@pytest.mark.parametrize("parity", ["normal", "mirrored", "auto"])
+def test_a_camera_with_blind_corners_sees_as_far_as_its_lens(parity):
+    radius = blind_camera(parity=parity).radius_rad
+    assert math.tan(radius) == pytest.approx(1.06816, rel=1e-5)
+
+
+def test_the_outline_goes_along_the_border_and_round_the_blind_corners():
+    camera = blind_camera()
+    outline = camera.outline
+    np.testing.assert_array_equal(outline[0], outline[-1])
+    np.testing.assert_allclose(np.linalg.norm(outline, axis=1), 1.0)
+    xy = camera.pixels(outline)
+    assert camera.contains(xy, 1e-6).all()
+    on_border = ~camera.contains(xy, -1e-6)
+    assert 8 < on_border.sum() < len(xy)
+    radius = np.hypot(*(xy[~on_border] - (376, 240)).T) / 531.4
+    np.testing.assert_allclose(radius, bent_radius(1.06816), rtol=1e-4)
+
+
+def test_the_outline_of_a_mirrored_image_is_the_same_upside_down():
+    normal, mirrored = blind_camera(), blind_camera(parity="mirrored")
+    np.testing.assert_allclose(mirrored.outline, normal.outline * (1, -1, 1), atol=1e-15)
+
+
+@pytest.mark.parametrize("parity", ["normal", "mirrored"])
+def test_no_direction_from_beyond_the_limit_folds_back_into_the_image(parity):
+    """At 52 deg the polynomial has come back to 312 px from the middle, well in the image."""
+    camera = blind_camera(parity=parity)
+    beyond = math.tan(math.radians(52.4))
+    assert 531.4 * abs(bent_radius(beyond)) < 320
+    angles = np.linspace(0, 2 * np.pi, 9)
+    points = beyond * np.column_stack([np.cos(angles), np.sin(angles)])
+    assert np.isnan(camera.pixels_of_plane(points)).all()
+    assert np.isnan(camera.pixels(np.column_stack([points, np.ones(9)]))).all()
+    assert not camera.contains(camera.pixels_of_plane(points), 1e6).any()
+    written = np.column_stack([points, np.zeros(9)])
+    outside_px(camera.optics, written, 9)
+    assert np.isposinf(written[:, 2]).all()
+
+
+@pytest.mark.parametrize("changes", [
+    {"distortion": Distortion("plumb_bob", (1e30,) * 5)},
+    {"distortion": Distortion("plumb_bob", (-50.0, 0.0, 0.0, 0.0, 0.0))},
+    {"cx_px": 900.0, "cy_px": -300.0},
+])
+def test_a_camera_whose_lens_does_not_show_the_middle_is_refused(changes):
+    for used in ("radius_rad", "outline"):
+        with pytest.raises(ValueError, match=r"^the distortion has no ray") as refused:
+            getattr(blind_camera(**changes), used)
+        assert str(refused.value) == (
+            "the distortion has no ray for the middle of the image: "
+            "check its coefficients and the principal point"
+        )
 
 
 @pytest.mark.parametrize(
