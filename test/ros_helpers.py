@@ -163,6 +163,18 @@ class Bench:
             s for s in self.node.subscriptions if s.topic_name == f"{self.namespace}/{topic}"
         ))
 
+    def until_true(self, condition, what):
+        """Spin until `condition()` is true of the node itself, looking often: no event tells."""
+        timer = self.probe.create_timer(0.01, self._event)
+        try:
+            self.until(condition, what)
+        finally:
+            self.probe.destroy_timer(timer)
+
+    def until_ready(self):
+        """Spin until an identify_node in this process has its solver."""
+        self.until_true(lambda: self.node.ready, "solver")
+
     def count_calls(self, entity):
         """Return a list that grows with each callback of a subscription or timer."""
         calls, callback = [], entity.callback
@@ -240,6 +252,8 @@ class IdentifyClient:
         self.bench.until(lambda: all(i.n_publishers for i in inboxes), "publishers of the node")
         self.centroids = self.centroids or self.bench.outbox(PointCloud2, "centroids", reliability)
         self.bench.until(lambda: self.centroids.n_subscribers, "subscriber to centroids")
+        if self.bench.node is not None:
+            self.bench.until_ready()
         return self
 
     def publish(self, frame):

@@ -41,7 +41,7 @@ MAY = {
 }
 #: Libraries of a folder besides the standard library, numpy and scipy.
 LIBRARIES = {
-    "compiled": {"numba"},
+    "compiled": {"numba", "llvmlite"},
     "calibration": {"yaml"},
     "figures": {"matplotlib", "contourpy"},
     "offline": {"PIL", "astropy", "rawpy", "rosbags"},

@@ -21,8 +21,8 @@ from star_tracker.geometry.spherical import separation, unit_vectors
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.identify_node import IdentifyNode
-from star_tracker.nodes.parameters import ParameterError
 from star_tracker.optics.distortion import Distortion
 
 MAPS = dict(enumerate(paper_maps(), start=1))

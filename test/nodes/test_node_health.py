@@ -14,8 +14,8 @@ from msg_adapters.health import health_from_diagnostics
 from msg_adapters.imu import orientation_from_imu
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.maps.star_map import paper_maps
-from star_tracker.nodes import identify_node
-from star_tracker.nodes.identify import health_report
+from star_tracker.nodes.identify import health as health_module
+from star_tracker.nodes.identify import hinting
 from star_tracker.nodes.identify_node import IdentifyNode
 
 MAP1 = paper_maps((1,))[0]
@@ -24,9 +24,9 @@ MAPS_12 = {"parity": "mirrored", "deadline_ms": 60_000.0, "keep_up": False}
 
 @pytest.fixture(autouse=True)
 def quick_reports(monkeypatch):
-    monkeypatch.setattr(health_report, "_PERIOD_S", 0.1)
-    monkeypatch.setattr(identify_node, "_HINT_S", 0.0)
-    monkeypatch.setattr(identify_node, "_HINT_MS", 10_000.0)
+    monkeypatch.setattr(health_module, "_PERIOD_S", 0.1)
+    monkeypatch.setattr(hinting, "_PERIOD_S", 0.0)
+    monkeypatch.setattr(hinting, "_LONGEST_MS", 10_000.0)
 
 
 @contextmanager
@@ -121,7 +121,7 @@ def test_input_age_is_known_where_stamps_are_of_the_nodes_clock(client):
 def test_health_names_catalogue_configuration_and_version(client):
     client.send(map1())
     values = health(client)
-    assert values["catalog"] == client.bench.node._database.catalog.description
+    assert values["catalog"] == client.bench.node._solver.catalog.description
     assert len(values["configuration"]) == 12
     assert int(values["configuration"], 16) >= 0
     assert values["version"]
@@ -131,7 +131,7 @@ def test_configuration_digest_follows_the_parameters():
     digests = []
     for parameters in ({}, {}, {"displaced_gate_px": 39.0}):
         with open_bench() as bench:
-            digests.append(bench.start(IdentifyNode, parameters)._configuration.digest)
+            digests.append(bench.start(IdentifyNode, parameters)._setup.digest)
     assert digests[0] == digests[1] != digests[2]
 
 
@@ -141,7 +141,7 @@ def test_an_error_inside_costs_one_frame_only(client, monkeypatch):
 
     before = client.bench.node.rejected["internal_error"]
     with monkeypatch.context() as patch:
-        patch.setattr(client.bench.node._tracker, "solve", fail)
+        patch.setattr(client.bench.node._solver.tracker, "solve", fail)
         outcome = client.send(map1())
     assert outcome.status == "BAD_INPUT"
     assert outcome.values["reason"] == "RuntimeError: out of order"
@@ -222,14 +222,14 @@ def test_wrong_field_of_view_is_recognised():
 
 def test_a_hint_fits_into_the_default_deadline(monkeypatch):
     """A sky in a mirror takes the whole deadline: the frame after it leaves some time."""
-    monkeypatch.setattr(identify_node, "_HINT_MS", 100.0)
+    monkeypatch.setattr(hinting, "_LONGEST_MS", 100.0)
     with identify_client({"parity": "normal", "deadline_ms": 200.0, "keep_up": False}) as client:
         values = [client.send(map1()).values for _ in range(3)]
     assert "image looks mirrored: parity mirrored solves it" in [v["hint"] for v in values]
 
 
 def test_hints_are_rare(monkeypatch):
-    monkeypatch.setattr(identify_node, "_HINT_S", 1000.0)
+    monkeypatch.setattr(hinting, "_PERIOD_S", 1000.0)
     with identify_client({"parity": "normal"}) as client:
         hints = [client.send(map1()).values["hint"] for _ in range(3)]
     assert [bool(text) for text in hints] == [True, False, False]

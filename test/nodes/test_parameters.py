@@ -8,15 +8,17 @@ import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange
 from ros_helpers import open_bench
 
+from star_tracker.nodes.declaring import Parameter, ParameterError
+from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.nodes.parameters import (
     IDENTIFY_PARAMETERS,
     REPLAY_PARAMETERS,
-    Parameter,
-    ParameterError,
+    IdentifyParameters,
 )
 from star_tracker.nodes.replay_node import ReplayNode
 from star_tracker.resources import resource_path
+from star_tracker.solution import SolveSettings
 
 NODES = {
     "identify_node": (IdentifyNode, IDENTIFY_PARAMETERS),
@@ -177,6 +179,44 @@ def test_node_runs_with_its_defaults(node):
         running = bench.start(make)
         values = {p.name: p.checked(running.get_parameter(p.name).value) for p in parameters}
     assert values == {p.name: p.default for p in parameters}
+
+
+def test_what_is_given_a_value_but_no_parameter_is_named_at_the_start(capfd):
+    with open_bench() as bench:
+        node = bench.start(ReplayNode, {"rate": 5.0, "noise_pix": 1.0, "seed": 3, "whatever": 1})
+        assert node.get_parameter("seed").value == 3
+        assert not node.has_parameter("rate")
+    lines = capfd.readouterr().err.splitlines()
+    assert {line.split("replay_node]: ")[1] for line in lines if "[WARN]" in line} == {
+        "there is no parameter rate: rate_hz?", "there is no parameter noise_pix: noise_px?",
+        "there is no parameter whatever",
+    }
+
+
+def test_parameters_of_every_node_are_not_named_at_the_start(capfd):
+    with open_bench() as bench:
+        node = bench.start(
+            ReplayNode, {"use_sim_time": True, "start_type_description_service": False}
+        )
+        assert node.get_parameter("use_sim_time").value
+    assert "there is no parameter" not in capfd.readouterr().err
+
+
+def test_the_dataclass_has_the_values_in_their_types():
+    overrides = {"fov_deg": 20, "pair_tolerance_px": [1, 2], "parity": "auto"}
+    with open_bench() as bench:
+        p = bench.start(IdentifyNode, overrides)._setup.parameters
+    assert (p.fov_deg, p.pair_tolerance_px, p.parity) == (20.0, (1.0, 2.0), "auto")
+    assert p == IdentifyParameters(fov_deg=20.0, pair_tolerance_px=(1.0, 2.0), parity="auto")
+
+
+@pytest.mark.parametrize(("cx_px", "middle"), [(-1.0, None), (0.0, 0.0), (12.5, 12.5)])
+def test_the_principal_point_is_the_middle_unless_told(cx_px, middle):
+    assert IdentifyParameters(cx_px=cx_px).principal_point_px == (middle, None)
+
+
+def test_the_settings_defaults_are_those_of_the_solver():
+    assert SolverSetup.of(IdentifyParameters()).settings == SolveSettings()
 
 
 # ---- the files in config/ --------------------------------------------------------------------

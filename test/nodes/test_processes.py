@@ -102,7 +102,7 @@ def test_integer_for_a_float_on_the_command_line_is_accepted():
 
 def test_console_command_passes_arguments_and_exit_code_on():
     """What else is refused, and in which words, is in `test_refusals.py`."""
-    script = "import sys; from star_tracker.nodes import entry_points as e; sys.exit(e.{}())"
+    script = "import sys; from star_tracker.nodes import running; sys.exit(running.{}())"
     arguments = ["-p", "rate_hz:=-1.0"]
     with started(["-c", script.format("replay_node")], "", arguments) as process:
         assert_refused(*ended(process), "rate_hz")

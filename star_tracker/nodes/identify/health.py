@@ -1,9 +1,16 @@
-"""Is the node well? Rolling statistics of its frames, in plain Python."""
+"""How well identify_node does: rolling statistics of its frames, and their publisher."""
 
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+#: Between two reports, s.
+_PERIOD_S = 1.0
 #: The sliding window of rates, ratios and latencies, s, and the most frames that it holds.
 WINDOW_S = 10.0
 _MOST_FRAMES = 10_000
@@ -115,6 +122,24 @@ class Health:
         if ratio < _GOOD_RATIO:
             return "warn", f"{found}, the last that was not: {self._last_failure}"
         return "ok", found
+
+
+class DiagnosticsPublisher:
+    """Publishes a node's statuses on /diagnostics once a second, whatever the ROS time does.
+
+    Args:
+        node: what publishes.
+        statuses: called for what there is to say now.
+    """
+
+    def __init__(self, node: Node, statuses: Callable[[], Iterable[DiagnosticStatus]]) -> None:
+        self._node, self._statuses = node, statuses
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        node.create_timer(_PERIOD_S, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _report(self) -> None:
+        header = Header(stamp=self._node.get_clock().now().to_msg())
+        self._publisher.publish(DiagnosticArray(header=header, status=list(self._statuses())))
 
 
 def quantile(ascending: Sequence[float], share: float) -> float | None:

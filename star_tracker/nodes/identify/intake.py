@@ -14,7 +14,7 @@ from msg_adapters import MessageError
 from msg_adapters.camera_info import camera_from_info
 from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.nodes.identify.camera_feed import CameraFeed
-from star_tracker.nodes.identify.configuration import Configuration
+from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.listening import DropCounter, subscribe
 from star_tracker.optics.camera import Camera
 
@@ -28,7 +28,7 @@ _NO_INFO = (
 
 
 @dataclass(frozen=True)
-class Frame:
+class IncomingFrame:
     """A frame that has come: its message, when it was received and when it was taken.
 
     Both times are seconds of `time.monotonic`; between them it lay in the queue.
@@ -50,28 +50,29 @@ class Frame:
 
 
 class Intake:
-    """The subscriptions of one node.
+    """The subscriptions of one node. Frames wait, as many as the queue holds, until it is opened.
 
     Args:
         node: who listens.
-        configuration: returns the one that holds now.
+        setup: returns the one that holds now.
         identify: called with each frame and its camera.
         reject: called with a frame that has no camera, or None for a camera that cannot be used,
             the kind of trouble and a sentence.
     """
 
     def __init__(
-        self, node: Node, configuration: Callable[[], Configuration],
-        identify: Callable[[Frame, Camera], None],
-        reject: Callable[[Frame | None, str, str], None],
+        self, node: Node, setup: Callable[[], SolverSetup],
+        identify: Callable[[IncomingFrame, Camera], None],
+        reject: Callable[[IncomingFrame | None, str, str], None],
     ) -> None:
-        self._configuration, self._identify, self._reject = configuration, identify, reject
+        self._setup, self._identify, self._reject = setup, identify, reject
         self._feed = CameraFeed()
-        self._waiting: deque[Frame] = deque()
+        self._waiting: deque[IncomingFrame] = deque()
         self._drops = DropCounter()
         self._n_overtaken = 0
-        values = configuration().values
-        self._depth, self._use_info = values["queue_depth"], values["use_camera_info"]
+        self._open = False
+        p = setup().parameters
+        self._depth, self._use_info = p.queue_depth, p.use_camera_info
         if self._use_info:
             subscribe(node, CameraInfo, "camera_info", self._depth, self._on_camera_info)
             node.create_timer(_LOOK_AT_WAITING_S, self._serve_waiting)
@@ -80,6 +81,16 @@ class Intake:
             on_publishers=self._drops.on_publishers,
         )
 
+    def open(self) -> None:
+        """Let frames through, those that wait first."""
+        self._open = True
+        self._serve_waiting()
+
+    @property
+    def n_waiting(self) -> int:
+        """Frames that wait."""
+        return len(self._waiting)
+
     @property
     def n_dropped(self) -> int:
         """Frames that were published but never looked at, as newer ones took their place."""
@@ -87,7 +98,7 @@ class Intake:
 
     def _on_camera_info(self, message: CameraInfo, _: Mapping[str, Any]) -> None:
         try:
-            camera = camera_from_info(message, self._configuration().values["parity"])
+            camera = camera_from_info(message, self._setup().parameters.parity)
         except MessageError as error:
             self._reject(None, "camera_info", str(error))
             return
@@ -98,10 +109,7 @@ class Intake:
         self._drops.on_message(info.get("publication_sequence_number"))
         queued_s = (time.time_ns() - (info.get("received_timestamp") or 0)) / 1e9
         queued_s = queued_s if 0.0 <= queued_s <= _LONGEST_QUEUED_S else 0.0
-        frame = Frame(message, time.monotonic() - queued_s)
-        if not self._use_info:
-            self._identify(frame, self._configuration().camera)
-            return
+        frame = IncomingFrame(message, time.monotonic() - queued_s)
         self._waiting.append(frame)
         if len(self._waiting) > self._depth:
             self._waiting.popleft()
@@ -110,10 +118,12 @@ class Intake:
 
     def _serve_waiting(self) -> None:
         """Identify the frames whose camera is known, in order; give up on waiting in time."""
-        patience_s = self._configuration().values["camera_info_wait_ms"] / 1e3
-        while self._waiting:
+        patience_s = self._setup().parameters.camera_info_wait_ms / 1e3
+        while self._open and self._waiting:
             frame = self._waiting[0]
-            camera = self._feed.settled(frame.stamp_ns)
+            camera = self._setup().camera
+            if self._use_info:
+                camera = self._feed.settled(frame.stamp_ns)
             if camera is None:
                 if time.monotonic() - frame.taken_s < patience_s:
                     return

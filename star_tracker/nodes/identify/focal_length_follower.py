@@ -1,4 +1,4 @@
-"""How identify_node watches the focal length: its status, the service, and what it applies."""
+"""How identify_node follows the focal length: its status, the service, and what it applies."""
 
 import time
 
@@ -19,7 +19,7 @@ _FRAME_S = 0.1
 _CAMERAS = 16
 
 
-class FocalLengthWatch:
+class FocalLengthFollower:
     """The estimates of one node, one for each camera that it meets.
 
     Args:
@@ -73,7 +73,9 @@ class FocalLengthWatch:
         """Answer with the estimate of the camera of the last frame."""
         if self._mode == "off":
             response.success = False
-            response.message = "calibrate_focal_length is off: set it to report or apply"
+            response.message = (
+                "calibrate_focal_length is off: restart the node with it set to report or apply"
+            )
         elif self._last is None:
             response.success, response.message = False, "no frame has come yet"
         else:
