@@ -18,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
@@ -120,7 +120,10 @@ class Bench:
             self._lookouts.remove(look)
         assert future.done(), f"no {what}"
 
-    def outbox(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
+    def outbox(
+        self, kind, topic, reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.VOLATILE,
+    ):
         """Publish a topic of the node under test, which need not be there yet."""
 
         def matched(info):
@@ -128,14 +131,15 @@ class Bench:
             self._event()
 
         outbox = Outbox(self.probe.create_publisher(
-            kind, topic, QoSProfile(depth=DEPTH, reliability=reliability),
+            kind, topic,
+            QoSProfile(depth=DEPTH, reliability=reliability, durability=durability),
             event_callbacks=PublisherEventCallbacks(matched=matched),
         ))
         return outbox
 
-    def connected_outbox(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
+    def connected_outbox(self, kind, topic, *qos):
         """Publish a topic and wait until the node under test listens."""
-        outbox = self.outbox(kind, topic, reliability)
+        outbox = self.outbox(kind, topic, *qos)
         self.until(lambda: outbox.n_subscribers, f"subscriber to {topic}")
         return outbox
 

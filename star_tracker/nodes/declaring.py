@@ -10,11 +10,13 @@ is a false for the choice `off`.
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, TypeVar
 
+import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
@@ -157,6 +159,41 @@ def unknown_parameters(node: Node, given: Iterable[str]) -> list[str]:
     Ask when the node has made its publishers and subscriptions, which declare those of their QoS.
     """
     return [no_such_parameter(node, name) for name in given if not node.has_parameter(name)]
+
+
+def unheard_files(node: Node, arguments: Sequence[str]) -> list[str]:
+    """Return a sentence on each parameter file of a command line that has nothing for a node."""
+    me, sentences = node.get_fully_qualified_name(), []
+    for i, argument in enumerate(arguments[:-1]):
+        if argument != "--params-file":
+            continue
+        path = arguments[i + 1]
+        with open(path, encoding="utf-8") as file:
+            names = list(_nodes_of(yaml.safe_load(file) or {}))
+        if names and not any(_pattern(name).fullmatch(me) for name in names):
+            sentences.append(
+                f"parameter file {path} has nothing for {me}, only for {', '.join(names)}: "
+                f"name it {me} or /**"
+            )
+    return sentences
+
+
+def _nodes_of(tree: Mapping[str, Any], above: str = "") -> Iterator[str]:
+    """Yield the names of the nodes in a parameter file, from `/`, with their wildcards."""
+    for key, value in tree.items():
+        name = f"{above}/{str(key).strip('/')}"
+        if key == "ros__parameters":
+            yield above
+        elif isinstance(value, Mapping):
+            yield from _nodes_of(value, name)
+
+
+def _pattern(name: str) -> re.Pattern[str]:
+    """Return the regular expression of a node's name: `*` is one part of it, `**` any number."""
+    parts = {"**": "(/[^/]+)*", "*": "/[^/]+"}
+    return re.compile("".join(
+        parts.get(part, "/" + re.escape(part)) for part in name.strip("/").split("/")
+    ))
 
 
 def no_such_parameter(node: Node, name: str) -> str:

@@ -16,7 +16,7 @@ from msg_adapters import MessageError
 from msg_adapters.health import status_from_health
 from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.identification.labels import Identification, StarState
+from star_tracker.identification.labels import Identification
 from star_tracker.nodes.declaring import (
     ParameterError,
     declare,
@@ -24,18 +24,15 @@ from star_tracker.nodes.declaring import (
     unknown_parameters,
 )
 from star_tracker.nodes.identify.focal_length_follower import FocalLengthFollower
-from star_tracker.nodes.identify.frame_solver import FrameSolver
-from star_tracker.nodes.identify.health import (
-    DiagnosticsPublisher,
-    FrameRecord,
-    Health,
-    input_age_s,
-)
+from star_tracker.nodes.identify.frame_solver import Answer, FrameSolver
+from star_tracker.nodes.identify.health import DiagnosticsPublisher
 from star_tracker.nodes.identify.intake import IncomingFrame, Intake
+from star_tracker.nodes.identify.journal import Journal
 from star_tracker.nodes.identify.outputs import Outputs
 from star_tracker.nodes.identify.runtime_parameters import RuntimeParameters
 from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.identify.starting import Starting
+from star_tracker.nodes.listening import overrides_checked
 from star_tracker.nodes.parameters import IdentifyParameters
 from star_tracker.nodes.running import run
 from star_tracker.optics.camera import Camera
@@ -57,26 +54,34 @@ class IdentifyNode(Node):
         super().__init__(
             "identify_node", automatically_declare_parameters_from_overrides=True, **node_options
         )
-        #: Frames that were not searched, by reason.
-        self.rejected: Counter[str] = Counter()
         try:
             p, given = declare(self, IdentifyParameters)
             self._setup = SolverSetup.of(p)
+            self._make_topics(p)
         except ValueError as error:
             self.destroy_node()
             raise ParameterError(str(error)) from error
-        self._solver: FrameSolver | None = None
-        self._starting: Starting | None = Starting(self)
-        self._outputs = Outputs(self, p.reference_frame, p.camera_frame)
-        self._follower = FocalLengthFollower(self, p.calibrate_focal_length)
-        self._health = Health(time.monotonic())
-        DiagnosticsPublisher(self, self._statuses)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self._intake = Intake(self, lambda: self._setup, self._identify, self._reject)
         for sentence in unknown_parameters(self, given):
             self.get_logger().warning(sentence)
         self._runtime = RuntimeParameters(self, self._setup, self._apply)
         self._runtime.start()
+
+    def _make_topics(self, p: IdentifyParameters) -> None:
+        """Make all that stands in the graph. Raises ParameterError."""
+        self._solver: FrameSolver | None = None
+        self._starting: Starting | None = Starting(self)
+        self._journal = Journal(self)
+        self._follower = FocalLengthFollower(self, p.calibrate_focal_length)
+        with overrides_checked():
+            self._outputs = Outputs(self, p.reference_frame, p.camera_frame)
+            self._intake = Intake(self, lambda: self._setup, self._identify, self._reject)
+        DiagnosticsPublisher(self, self._statuses)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """Frames that were not searched, and centroids that were left out, by reason."""
+        return self._journal.rejected
 
     @property
     def ready(self) -> bool:
@@ -135,55 +140,31 @@ class IdentifyNode(Node):
 
     def _solve(self, frame: IncomingFrame, camera: Camera) -> None:
         """Take one frame the whole way. Raises MessageError where it cannot be read."""
-        solver, header = self._solver, frame.header
+        solver, header, p = self._solver, frame.header, self._setup.parameters
         centroids = centroids_from_cloud(frame.message)
         answer = solver.solve(centroids, camera, frame.stamp_ns, frame.received_s)
-        solution = answer.solution
-        self._complain(solution)
-        self._outputs.publish(solution, header, answer.hint)
-        self._outputs.publish_stars(solution, centroids.xy_px, solver.catalog, header)
-        if self._setup.parameters.publish_markers:
-            self._outputs.publish_markers(solution, answer.camera, solver.catalog, header)
-        self._record(frame, solution)
-
-    def _complain(self, solution: Solution) -> None:
-        """Count and log what was wrong with a frame that could be read."""
-        if solution.status is Status.BAD_INPUT:
-            self.rejected["bad_centroids"] += 1
-            self.get_logger().error(solution.reason, throttle_duration_sec=1.0)
-        elif solution.n_ignored:
-            self.rejected["ignored_centroids"] += solution.n_ignored
-            self.get_logger().warning(
-                f"{solution.n_ignored} centroids are non-finite or outside of the image and were "
-                "left out: check the camera's size and the detector",
-                throttle_duration_sec=1.0,
-            )
+        self._journal.read(answer)
+        self._outputs.publish(answer.solution, header, answer.hint)
+        self._outputs.publish_stars(answer.solution, centroids.xy_px, solver.catalog, header)
+        if p.publish_markers:
+            self._outputs.publish_markers(answer.solution, answer.camera, solver.catalog, header)
+        self._journal.answered(frame, answer, p.log_frames)
 
     def _reject(self, frame: IncomingFrame | None, kind: str, reason: str) -> None:
         """Count what cannot be used and say why, in the log and for a frame to the subscribers."""
-        self.rejected[kind] += 1
-        self.get_logger().error(reason, throttle_duration_sec=1.0)
+        self._journal.refused(kind, reason)
         if frame is None:
             return
         solution = Solution(Status.BAD_INPUT, reason, Identification.empty(0))
         self._outputs.publish(solution, frame.header)
-        self._record(frame, solution)
-
-    def _record(self, frame: IncomingFrame, solution: Solution) -> None:
-        """Enter a frame that has been answered into the health statistics."""
-        now = time.monotonic()
-        state = solution.identification.state
-        age_s = input_age_s(frame.stamp_ns, self.get_clock().now().nanoseconds)
-        self._health.add(FrameRecord(
-            solution.attitude is not None, f"{solution.status.value}: {solution.reason}",
-            solution.mode, 1e3 * (now - frame.received_s), age_s, len(state),
-            int((state == StarState.UNIDENTIFIED).sum()),
-        ), now)
+        p = self._setup.parameters
+        self._journal.answered(frame, Answer(solution, self._setup.camera), p.log_frames)
 
     def _statuses(self) -> Iterator[DiagnosticStatus]:
         """Yield what /diagnostics carries."""
-        self._health.n_dropped = self._intake.n_dropped
-        level, message, values = self._health.report(self.rejected, time.monotonic())
+        health = self._journal.health
+        health.n_dropped = self._intake.n_dropped
+        level, message, values = health.report(self._journal.rejected, time.monotonic())
         if self._starting is not None:
             level, message = "warn", self._starting.sentence
         values |= {
@@ -191,11 +172,16 @@ class IdentifyNode(Node):
             "configuration": self._setup.digest,
             "version": package_version(),
         }
-        name = self.get_fully_qualified_name()
-        yield status_from_health(f"{name}: health", level, message, values)
-        focal_length = self._follower.status()
-        if focal_length is not None:
-            yield focal_length
+        # Without the first slash, of which the diagnostics' aggregator would make a blank.
+        name = self.get_fully_qualified_name().lstrip("/")
+        hardware = self._setup.parameters.camera_frame or self._journal.frame_id
+        for status in (
+            status_from_health(f"{name}: health", level, message, values),
+            self._follower.status(name),
+        ):
+            if status is not None:
+                status.hardware_id = hardware or name
+                yield status
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -136,6 +136,7 @@ class IdentifyParameters:
         "", "frame_id of the stars; empty = that of the centroids", fixed=True
     )
     publish_markers: bool = parameter(False, "publish markers for RViz and Foxglove")
+    log_frames: bool = parameter(False, "a line of the log for each frame")
 
     def __post_init__(self) -> None:
         for name in ("cx_px", "cy_px"):

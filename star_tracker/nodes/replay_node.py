@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from msg_adapters.camera_info import info_from_camera
 from msg_adapters.point_cloud import Centroids, cloud_from_centroids
 from star_tracker.maps.star_map import StarMap, paper_maps
 from star_tracker.nodes.declaring import ParameterError, declare, unknown_parameters
+from star_tracker.nodes.listening import PUBLISHED, overrides_checked
 from star_tracker.nodes.parameters import ReplayParameters
 from star_tracker.nodes.running import run
 
@@ -53,8 +55,14 @@ class ReplayNode(Node):
             depth=max(50, len(self._maps)), reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.VOLATILE,
         )
-        self._centroids = self.create_publisher(PointCloud2, "centroids", qos)
-        self._infos = self.create_publisher(CameraInfo, "camera_info", qos)
+        try:
+            with overrides_checked():
+                make = partial(self.create_publisher, qos_overriding_options=PUBLISHED)
+                self._centroids = make(PointCloud2, "centroids", qos)
+                self._infos = make(CameraInfo, "camera_info", qos)
+        except ParameterError:
+            self.destroy_node()
+            raise
         self._timer = self.create_timer(_LOOK_FOR_SUBSCRIBER_S, self._wait_for_subscriber)
         for sentence in unknown_parameters(self, given):
             self.get_logger().warning(sentence)

@@ -56,13 +56,21 @@ def run(name: str, make: Callable[[], "Node"], args: Sequence[str] | None = None
     from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
     from rclpy.executors import SingleThreadedExecutor
 
+    from star_tracker.nodes.declaring import unheard_files
+
+    def make_and_warn() -> "Node":
+        node = make()
+        for sentence in unheard_files(node, sys.argv if args is None else args):
+            node.get_logger().warning(sentence)
+        return node
+
     with _ending_soon_when_told() as told:
         try:
             rclpy.init(args=args)
             executor = SingleThreadedExecutor()
         except (RCLError, UnknownROSArgsError) as error:
             return 0 if told.is_set() else _refuse(name, error)
-        return _spin(name, make, executor, told)
+        return _spin(name, make_and_warn, executor, told)
 
 
 @contextmanager

@@ -44,7 +44,7 @@ def test_a_cold_cache_is_filled_and_the_progress_told(cache, capsys, monkeypatch
         if len(lines) >= 3:
             enough.set()
 
-    monkeypatch.setattr(module, "StarTracker", lambda *_: enough.wait(60))
+    monkeypatch.setattr(module, "exercise_solver", lambda: enough.wait(60))
     monkeypatch.setattr(module, "_PERIOD_S", 0.001)
     monkeypatch.setattr(module, "print", told, raising=False)
     assert run(capsys)[0] == 0
@@ -57,7 +57,7 @@ def test_a_cold_cache_is_filled_and_the_progress_told(cache, capsys, monkeypatch
 
 def test_progress_begins_at_once(cache, capsys, monkeypatch):
     cache(writable=True, warm=False)
-    monkeypatch.setattr(module, "StarTracker", lambda *_: None)
+    monkeypatch.setattr(module, "exercise_solver", lambda: None)
     assert run(capsys)[2] == "compiling the solver, 0 s\n"
 
 

@@ -77,7 +77,7 @@ def test_report_leaves_the_camera_alone_and_tells_the_drift():
                 for m in reports.messages for s in m.status
             ), "report in /diagnostics",
         )
-        name = f"{node.bench.node.get_fully_qualified_name()}: focal length"
+        name = f"{node.bench.node.get_fully_qualified_name()[1:]}: focal length"
         values = health_from_diagnostics(reports.messages[-1], name)
         assert float(values["drift_percent"]) == pytest.approx(100 / 1.02 - 100, abs=0.1)
         assert float(values["drift_standard_error_percent"]) < 0.1
@@ -97,7 +97,7 @@ def test_off_reports_nothing_and_says_how_to_switch_it_on():
             "calibrate_focal_length is off: restart the node with it set to report or apply"
         )
         assert [s.name for s in node.bench.node._statuses()] == [
-            f"{node.bench.node.get_fully_qualified_name()}: health"
+            f"{node.bench.node.get_fully_qualified_name()[1:]}: health"
         ]
 
 

@@ -46,7 +46,7 @@ def client():
 
 
 def name_of(client):
-    return f"{client.bench.node.get_fully_qualified_name()}: health"
+    return f"{client.bench.node.get_fully_qualified_name()[1:]}: health"
 
 
 def health(client, condition=lambda _: True):
@@ -162,9 +162,10 @@ def test_imu_is_the_attitude_of_the_camera_frame(client):
     quaternion, covariance = orientation_from_imu(message)
     np.testing.assert_array_equal(quaternion, array_from_quaternion(outcome.attitude))
     assert message.header == frame.header
-    # Rounding to 0.01 px, of 84 arcsec each: a few tenths of an arcsec, ten times that in roll.
+    # Of 15 stars at a pixel of 84 arcsec: some arcsec, ten times that in roll. The noise is not
+    # told, so that what a detector usually has is in it, not only the rounding to 0.01 px.
     sigma = np.degrees(np.sqrt(np.linalg.eigvalsh(covariance))) * 3600
-    assert np.all((sigma > 0.01) & (sigma < 10))
+    assert np.all((sigma > 0.01) & (sigma < 100))
     assert message.angular_velocity_covariance[0] == -1.0
     assert message.linear_acceleration_covariance[0] == -1.0
 

@@ -8,7 +8,7 @@ import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange
 from ros_helpers import open_bench
 
-from star_tracker.nodes.declaring import Parameter, ParameterError
+from star_tracker.nodes.declaring import Parameter, ParameterError, unheard_files
 from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.nodes.parameters import (
@@ -217,6 +217,52 @@ def test_the_principal_point_is_the_middle_unless_told(cx_px, middle):
 
 def test_the_settings_defaults_are_those_of_the_solver():
     assert SolverSetup.of(IdentifyParameters()).settings == SolveSettings()
+
+
+# ---- files that are for another node ---------------------------------------------------------
+
+FILE = "{}:\n  ros__parameters:\n    rate_hz: 5.0\n"
+NESTED = "left:\n  {}:\n    ros__parameters:\n      rate_hz: 5.0\n"
+
+
+@pytest.mark.parametrize(("text", "namespace", "heard"), [
+    (FILE.format("/**"), "/left", True),
+    (FILE.format("replay_node"), "/", True),
+    (FILE.format("/replay_node"), "/", True),
+    (FILE.format("/left/replay_node"), "/left", True),
+    (FILE.format("/*/replay_node"), "/left", True),
+    (FILE.format("/**/replay_node"), "/left/inner", True),
+    (FILE.format("/**/replay_node"), "/", True),
+    (NESTED.format("replay_node"), "/left", True),
+    (FILE.format("star_tracker") + FILE.format("replay_node"), "/", True),
+    (FILE.format("star_tracker"), "/", False),
+    (FILE.format("replay_node"), "/left", False),
+    (FILE.format("/*"), "/left", False),
+    (NESTED.format("replay_node"), "/", False),
+])
+def test_a_parameter_file_for_another_node_is_named_as_rcl_takes_it(
+    text, namespace, heard, tmp_path
+):
+    path = tmp_path / "other.yaml"
+    path.write_text(text, encoding="utf-8")
+    arguments = ["--ros-args", "-r", f"__ns:={namespace}", "--params-file", str(path)]
+    with open_bench() as bench:
+        node = bench._add(ReplayNode(context=bench.context, cli_args=arguments))
+        sentences = unheard_files(node, arguments)
+        assert node.get_parameter("rate_hz").value == (5.0 if heard else 10.0)  # what rcl says
+        me = node.get_fully_qualified_name()
+    assert bool(sentences) != heard
+    for sentence in sentences:
+        assert sentence.startswith(f"parameter file {path} has nothing for {me}, only for /")
+        assert sentence.endswith(f": name it {me} or /**")
+
+
+def test_an_empty_parameter_file_is_for_nobody(tmp_path):
+    path = tmp_path / "empty.yaml"
+    path.touch()
+    with open_bench() as bench:
+        node = bench.start(ReplayNode)
+        assert unheard_files(node, ["--params-file", str(path), "--params-file"]) == []
 
 
 # ---- the files in config/ --------------------------------------------------------------------

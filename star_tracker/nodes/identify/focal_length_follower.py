@@ -28,7 +28,7 @@ class FocalLengthFollower:
     """
 
     def __init__(self, node: Node, mode: str) -> None:
-        self._node, self._mode = node, mode
+        self._mode = mode
         self._estimators: dict[Camera, FocalLengthEstimator] = {}
         self._last: FocalLengthEstimator | None = None
         self._last_frame_s = -_FRAME_S
@@ -60,11 +60,10 @@ class FocalLengthFollower:
             stars.vectors[found.catalog_index[which]],
         )
 
-    def status(self) -> DiagnosticStatus | None:
+    def status(self, name: str) -> DiagnosticStatus | None:
         """Return the estimate of the camera of the last frame, None where there is none."""
         if self._last is None:
             return None
-        name = self._node.get_fully_qualified_name()
         return status_from_focal_length(self._last.estimate, name)
 
     def _on_calibrate(

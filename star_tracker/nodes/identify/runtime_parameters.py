@@ -9,6 +9,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.commands.compile import exercise_solver
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS
@@ -100,6 +101,8 @@ class RuntimeParameters:
     def _build(self, setup: SolverSetup) -> None:
         """Build in a thread of its own; a tracker too, which compiles and builds patterns."""
         try:
+            if self._active is None:
+                exercise_solver()
             database = setup.build_database()
             setup.tracker(database)
             self._built = database
