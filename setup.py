@@ -43,8 +43,8 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            "identify_node = star_tracker.nodes.entry_points:identify_node",
-            "replay_node = star_tracker.nodes.entry_points:replay_node",
+            "identify_node = star_tracker.nodes.running:identify_node",
+            "replay_node = star_tracker.nodes.running:replay_node",
             "star_tracker = star_tracker.commands.cli:main",
             "star_tracker_demo = star_tracker.nodes.demo:main",
         ],

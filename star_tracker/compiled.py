@@ -4,16 +4,25 @@ numba's own cache notices a change of the file that a function stands in, not of
 that it calls in other files: an upgrade could go on running the old machine code. So the cache
 lies in a folder named after the sources of all compiled folders (`resources.COMPILED_ROOMS`), and
 a changed source means a new folder. It is made below NUMBA_CACHE_DIR, or else in the package's
-cache folder (`resources.py`). Where it cannot be written, each process compiles for itself.
+cache folder (`resources.py`). Where it cannot be written, each process compiles for itself, unless
+all is there: a folder that was filled ahead (`star_tracker compile`) serves from a medium that is
+read only.
 """
 
+import atexit
 import os
+import shutil
+import sys
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite.binding import get_host_cpu_name
 from numba.core import config as numba_config
 from numba.core import types
 from numba.experimental import structref
@@ -57,22 +66,77 @@ def _compile(function: Callable[..., Any], **more: bool) -> Any:
         config.CACHE_DIR = before
 
 
-@cache
-def _cache_folder() -> Path | None:
-    """Return the folder of the compiled code of exactly these sources, None if there is none."""
+@dataclass(frozen=True)
+class CacheState:
+    """The cache of compiled code.
+
+    Attributes:
+        folder: where it lies or should lie; None for a user without a home.
+        writable: whether compiled code can be kept there.
+        warm: whether all code is there, so that a process starts without compiling.
+    """
+
+    folder: Path | None
+    writable: bool
+    warm: bool
+
+
+def cache_state() -> CacheState:
+    """Return where compiled code is kept, whether it can be, and whether it is there."""
+    folder = _named_folder()
+    if folder is None:
+        return CacheState(None, writable=False, warm=False)
+    return CacheState(folder, _cache_folder() == folder, (folder / _mark()).exists())
+
+
+def mark_warm() -> None:
+    """Note that this process has compiled all code, or has found it in the cache."""
+    folder = _cache_folder()
+    if folder is not None:
+        with suppress(OSError):  # a disk that is full by now: the next start says that it compiles
+            (folder / _mark()).touch()
+
+
+def _mark() -> str:
+    """Name what machine code depends on besides the sources."""
+    return f"all-{sys.implementation.cache_tag}-{numba.__version__}-{get_host_cpu_name()}"
+
+
+def _named_folder() -> Path | None:
+    """Return the folder of the compiled code of exactly these sources, None without a home."""
     named = os.environ.get("NUMBA_CACHE_DIR")
     base = Path(named) / "star_tracker" if named else cache_folder()
-    if base is None:
+    return None if base is None else base / f"compiled-{sources_digest()}"
+
+
+@cache
+def _cache_folder() -> Path | None:
+    """Return the folder that numba is given, None if there is none that can be written."""
+    folder = _named_folder()
+    if folder is None:
         return None
-    folder = base / f"compiled-{sources_digest()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / f"probe-{os.getpid()}"
         probe.write_bytes(bytes(1 << 20))  # a full disk is found out here, not while saving
         probe.unlink()
     except OSError:
-        return None
+        return _linked(folder) if (folder / _mark()).exists() else None
     return folder
+
+
+def _linked(folder: Path) -> Path | None:
+    """Return a folder of this process's own with links to one that cannot be written."""
+    try:
+        own = Path(tempfile.mkdtemp(prefix="star_tracker-"))
+    except OSError:
+        return None
+    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    for path in folder.resolve().glob("*/*"):
+        place = own / path.parent.name
+        place.mkdir(exist_ok=True)
+        (place / path.name).symlink_to(path)
+    return own
 
 
 def struct(name: str, module: str, fields: tuple[str, ...]) -> tuple[Any, Any]:

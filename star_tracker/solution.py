@@ -18,6 +18,10 @@ from star_tracker.optics.camera import Camera
 _Kind = TypeVar("_Kind")
 #: A standard error below this part of what was known beforehand comes from the stars.
 _NEWS = 0.7
+#: Allowed values of the settings, both ends included.
+CENTROID_SIGMA_RANGE_PX = (0.0, 100.0)
+DISPLACED_GATE_RANGE_PX = (0.0, 1000.0)
+LOG10_FALSE_ALARMS_RANGE = (-100.0, 0.0)
 
 
 class Status(Enum):
@@ -59,12 +63,13 @@ class SolveSettings:
     def __post_init__(self) -> None:
         if self.method != "auto" and self.method not in METHODS:
             raise ValueError(f"method {self.method!r} is unknown: use auto, {', '.join(METHODS)}")
-        if not 0 <= self.centroid_sigma_px <= 100:
-            raise ValueError("centroid_sigma_px must be from 0 to 100")
-        if not 0 <= self.displaced_gate_px <= 1000:
-            raise ValueError("displaced_gate_px must be from 0 to 1000")
-        if not -100 <= self.max_log10_false_alarms <= 0:
-            raise ValueError("max_log10_false_alarms must be from -100 to 0")
+        for name, (low, high) in (
+            ("centroid_sigma_px", CENTROID_SIGMA_RANGE_PX),
+            ("displaced_gate_px", DISPLACED_GATE_RANGE_PX),
+            ("max_log10_false_alarms", LOG10_FALSE_ALARMS_RANGE),
+        ):
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f"{name} must be from {low:g} to {high:g}")
         if not self.deadline_ms > 0:
             raise ValueError("deadline_ms must be greater than 0")
         if self.max_centroids < MIN_STARS:

@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
@@ -133,7 +133,10 @@ class Bench:
             self._lookouts.remove(look)
         assert future.done(), f"no {what}"
 
-    def outbox(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
+    def outbox(
+        self, kind, topic, reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.VOLATILE,
+    ):
         """Publish a topic of the node under test, which need not be there yet."""
 
         def matched(info):
@@ -141,14 +144,15 @@ class Bench:
             self._event()
 
         outbox = Outbox(self.probe.create_publisher(
-            kind, topic, QoSProfile(depth=DEPTH, reliability=reliability),
+            kind, topic,
+            QoSProfile(depth=DEPTH, reliability=reliability, durability=durability),
             event_callbacks=PublisherEventCallbacks(matched=matched),
         ))
         return outbox
 
-    def connected_outbox(self, kind, topic, reliability=ReliabilityPolicy.RELIABLE):
+    def connected_outbox(self, kind, topic, *qos):
         """Publish a topic and wait until the node under test listens."""
-        outbox = self.outbox(kind, topic, reliability)
+        outbox = self.outbox(kind, topic, *qos)
         self.until(lambda: outbox.n_subscribers, f"subscriber to {topic}")
         return outbox
 
@@ -175,6 +179,18 @@ class Bench:
         return self.count_calls(next(
             s for s in self.node.subscriptions if s.topic_name == f"{self.namespace}/{topic}"
         ))
+
+    def until_true(self, condition, what):
+        """Spin until `condition()` is true of the node itself, looking often: no event tells."""
+        timer = self.probe.create_timer(0.01, self._event)
+        try:
+            self.until(condition, what)
+        finally:
+            self.probe.destroy_timer(timer)
+
+    def until_ready(self):
+        """Spin until an identify_node in this process has its solver."""
+        self.until_true(lambda: self.node.ready, "solver")
 
     def count_calls(self, entity):
         """Return a list that grows with each callback of a subscription or timer."""
@@ -253,6 +269,8 @@ class IdentifyClient:
         self.bench.until(lambda: all(i.n_publishers for i in inboxes), "publishers of the node")
         self.centroids = self.centroids or self.bench.outbox(PointCloud2, "centroids", reliability)
         self.bench.until(lambda: self.centroids.n_subscribers, "subscriber to centroids")
+        if self.bench.node is not None:
+            self.bench.until_ready()
         return self
 
     def publish(self, frame):

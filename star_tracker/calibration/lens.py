@@ -10,10 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its parts are loaded where they are used: together they cost a second
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
-from scipy.stats import f as f_distribution
 
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.attitude.wahba import wahba
@@ -80,7 +78,7 @@ class _Problem:
 
     def rotation_of(self, parameters: Floats) -> Floats:
         """Return the rotation (3, 3), camera to ICRS, that the first three parameters turn."""
-        turn = Rotation.from_rotvec(parameters[:_N_ATTITUDE]).as_matrix()
+        turn = scipy.spatial.transform.Rotation.from_rotvec(parameters[:_N_ATTITUDE]).as_matrix()
         return np.asarray(self.rotation @ turn)
 
     def residuals(self, terms: tuple[str, ...]) -> Callable[[Floats], Floats]:
@@ -110,7 +108,7 @@ class _Problem:
                 f"{len(self.xy_px)} stars do not determine {len(start)} parameters: "
                 f"{len(start) // 2 + 1} or more are needed"
             )
-        fitted = least_squares(
+        fitted = scipy.optimize.least_squares(
             self.residuals(terms), start, jac="2-point", x_scale="jac", method="trf", xtol=1e-12,
             ftol=1e-12, gtol=1e-12,
         )
@@ -195,7 +193,7 @@ def _chance(small: Calibration, large: Calibration) -> float:
     if after == 0:
         return 0.0 if before > 0 else 1.0
     gain = (before - after) / added / (after / large.degrees_of_freedom)
-    return float(f_distribution.sf(gain, added, large.degrees_of_freedom))
+    return float(scipy.special.fdtrc(added, large.degrees_of_freedom, gain))
 
 
 def _names(terms: tuple[str, ...]) -> tuple[str, ...]:

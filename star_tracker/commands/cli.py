@@ -58,6 +58,12 @@ COMMANDS = {
         "by joint least squares over all matched stars of a star map.",
         "star_tracker calibrate 7 --terms k1",
     ),
+    "compile": Command(
+        "compile the solver ahead of the first start",
+        "Compile all that a node runs and keep it, for a Dockerfile, a flight image or systemd's "
+        "ExecStartPre: about a minute, once for each installation. NUMBA_CACHE_DIR says where.",
+        "star_tracker compile",
+    ),
     "geometry": Command(
         "which stars of a star map fix the boresight best",
         "Error factor K, tetrahedron volume and predicted boresight error of all triples of a "

@@ -24,6 +24,8 @@ from star_tracker.identification.votes import ROLL_BINS, ROLL_BITS, ROLL_SHIFT, 
 #: Most members of a cell that are looked at.
 MEMBERS = 64
 MOST_COMPANIONS = 40
+#: Allowed tolerances of a pair's separation, both ends included.
+PAIR_TOLERANCE_RANGE_PX = (0.01, 100.0)
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,11 @@ class MatchGroupSettings:
     quick: bool = True
 
     def __post_init__(self) -> None:
-        tolerances = self.pair_tolerance_px
-        if not tolerances or not all(0.01 <= t <= 100 for t in tolerances):
-            raise ValueError("pair_tolerance_px needs one or more values from 0.01 to 100")
+        tolerances, (low, high) = self.pair_tolerance_px, PAIR_TOLERANCE_RANGE_PX
+        if not tolerances or not all(low <= t <= high for t in tolerances):
+            raise ValueError(
+                f"pair_tolerance_px needs one or more values from {low:g} to {high:g}"
+            )
         if not 1 <= self.companions <= MOST_COMPANIONS or self.cells < 1:
             raise ValueError(
                 f"companions must be from 1 to {MOST_COMPANIONS} and cells at least 1"

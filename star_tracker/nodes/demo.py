@@ -9,7 +9,6 @@ import os
 import random
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -30,21 +29,16 @@ from msg_adapters.attitude import array_from_boresight
 from msg_adapters.point_cloud import stars_from_cloud
 from msg_adapters.solution import values_from_diagnostics
 from msg_adapters.stamp import nanoseconds_from_header
-from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.commands.cli import INTERRUPTED
+from star_tracker.commands.compile import compile_solver
+from star_tracker.compiled import cache_state
 from star_tracker.geometry.spherical import Floats, separation, unit_vectors
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.star_map import StarMap, paper_maps
-from star_tracker.optics.camera import Camera
 from star_tracker.resources import resource_path
-from star_tracker.tracker import StarTracker
 
 _TIMEOUT_S = 60.0
-#: Building the database alone takes less than this.
-_COMPILED_S = 5.0
 _TERMINATE_S = 10.0
-#: Exit code after Ctrl-C, as shells have it: 128 + SIGINT.
-_INTERRUPTED = 130
 #: Largest boresight error. Rounding to 0.01 px leaves some tenths of an arcsecond; of the seven
 #: stars of map 3 three are moved by 2 to 3 px (84 arcsec each), and the fit with them.
 _BORESIGHT_LIMIT_ARCSEC = 2.0
@@ -62,7 +56,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Row:
-    """A map's judged result. `faults` is empty where all is right."""
+    """A map's graded result. `faults` is empty where all is right."""
 
     cells: tuple[str, ...]
     n_right: int
@@ -78,7 +72,7 @@ HEAD = (
 _WIDTHS = (5, 13, 7, 5, 5, 9, 9, 9, 7, 8, 8)
 
 
-def judge(star_map: StarMap, result: Result) -> Row:
+def grade(star_map: StarMap, result: Result) -> Row:
     """Hold a result against what is known about its map."""
     faults = []
     stars = result.stars
@@ -169,15 +163,6 @@ class Collector(Node):
             self.complete.set_result(True)
 
 
-def compile_solver(camera: Camera) -> None:
-    """Fill the cache of compiled code, so that no node is waited for while it compiles."""
-    started = time.perf_counter()
-    StarTracker(FeatureDatabase.build(StarCatalog.paper()), camera)
-    seconds = time.perf_counter() - started
-    if seconds > _COMPILED_S:
-        print(f"solver compiled in {seconds:.0f} s, from now on it comes from the cache")
-
-
 def collect(folder: Path | None, rate_hz: float) -> list[Result]:
     """Run both nodes on the maps of `folder` and return what was published, in order of the maps.
 
@@ -230,7 +215,7 @@ def _process(node: str, arguments: Sequence[str]) -> Iterator[subprocess.Popen[b
 
 def report(maps: Sequence[StarMap], results: Sequence[Result]) -> bool:
     """Print the table; return whether everything is right."""
-    rows = [judge(star_map, result) for star_map, result in zip(maps, results, strict=True)]
+    rows = [grade(star_map, result) for star_map, result in zip(maps, results, strict=True)]
     print("\n" + "  ".join(f"{h:>{w}}" for h, w in zip(HEAD, _WIDTHS, strict=True)))
     for row in rows:
         print("  ".join(f"{c:>{w}}" for c, w in zip(row.cells, _WIDTHS, strict=True)))
@@ -259,13 +244,13 @@ def main(args: Sequence[str] | None = None) -> int:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     try:
         maps = paper_maps(folder=options.folder)
-        compile_solver(maps[0].camera)
+        compile_solver(cache_state())  # so that no node is waited for while it compiles
         results = collect(options.folder, options.rate_hz)
     except (TimeoutError, RuntimeError, ValueError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        return _INTERRUPTED
+        return INTERRUPTED
     return 0 if report(maps, results) else 1
 
 

@@ -15,74 +15,82 @@ from std_srvs.srv import Trigger
 from msg_adapters import MessageError
 from msg_adapters.health import status_from_health
 from msg_adapters.point_cloud import centroids_from_cloud
-from star_tracker.attitude.prediction import Predictor
-from star_tracker.calibration.hints import hint, wants_hint
 from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.labels import Identification, StarState
-from star_tracker.nodes.identify.configuration import Configuration
-from star_tracker.nodes.identify.focal_length_watch import FocalLengthWatch
-from star_tracker.nodes.identify.health import FrameRecord, Health, input_age_s
-from star_tracker.nodes.identify.health_report import HealthReport
-from star_tracker.nodes.identify.intake import Frame, Intake
+from star_tracker.identification.labels import Identification
+from star_tracker.nodes.declaring import (
+    ParameterError,
+    declare,
+    no_such_parameter,
+    unknown_parameters,
+)
+from star_tracker.nodes.identify.focal_length_follower import FocalLengthFollower
+from star_tracker.nodes.identify.frame_solver import Answer, FrameSolver
+from star_tracker.nodes.identify.health import DiagnosticsPublisher
+from star_tracker.nodes.identify.intake import IncomingFrame, Intake
+from star_tracker.nodes.identify.journal import Journal
 from star_tracker.nodes.identify.outputs import Outputs
-from star_tracker.nodes.identify.pace import Pace
 from star_tracker.nodes.identify.runtime_parameters import RuntimeParameters
-from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS, ParameterError, declare
+from star_tracker.nodes.identify.solver_setup import SolverSetup
+from star_tracker.nodes.identify.starting import Starting
+from star_tracker.nodes.listening import overrides_checked
+from star_tracker.nodes.parameters import IdentifyParameters
 from star_tracker.nodes.running import run
 from star_tracker.optics.camera import Camera
 from star_tracker.resources import package_version
 from star_tracker.solution import Solution, Status
-from star_tracker.tracker import StarTracker
-
-#: Shortest time between two frames that are tried for a hint, s, and longest time for one, ms.
-_HINT_S, _HINT_MS = 2.0, 100.0
-#: The share of the deadline after which such a frame is given up, if the one before was unsolved.
-_HINT_AFTER = 0.75
-#: Frames in a row without a solution, after which a hint need not keep up with the stream.
-_HOPELESS = 10
 
 
 class IdentifyNode(Node):
     """Identifies each frame of `centroids` and publishes what it found under the frame's stamp.
 
-    Raises ParameterError for a configuration that cannot be used.
+    It stands in the graph at once; a thread compiles or loads the solver, and frames wait for it.
+    Raises ParameterError for a configuration that cannot be used: here, or out of spin where only
+    the thread finds that out.
     """
 
+    _runtime: RuntimeParameters | None = None
+
     def __init__(self, **node_options: Any) -> None:
-        super().__init__("identify_node", **node_options)
-        #: Frames that were not searched, by reason.
-        self.rejected: Counter[str] = Counter()
-        self._hinted_s, self._n_unsolved = -_HINT_S, 0
-        self._pace = Pace()
+        super().__init__(
+            "identify_node", automatically_declare_parameters_from_overrides=True, **node_options
+        )
         try:
-            self._configuration = Configuration.of(declare(self, IDENTIFY_PARAMETERS))
-            database = self._configuration.build_database()
-            self.get_logger().info(
-                "loading the solver; the first start on a machine compiles it, for half a minute"
-            )
-            started = time.perf_counter()
-            self._apply(self._configuration, database)
+            p, given = declare(self, IdentifyParameters)
+            self._setup = SolverSetup.of(p)
+            self._make_topics(p)
         except ValueError as error:
             self.destroy_node()
             raise ParameterError(str(error)) from error
-        self.get_logger().info(
-            f"solver compiled or loaded from its cache in {time.perf_counter() - started:.1f} s"
-        )
-        self._runtime = RuntimeParameters(self, self._configuration, database, self._apply)
-        p = self._configuration.values
-        self._watch = FocalLengthWatch(self, p["calibrate_focal_length"])
-        self._outputs = Outputs(self, p["reference_frame"], p["camera_frame"])
-        self._health = Health(time.monotonic())
-        HealthReport(self, self._statuses)
+        for sentence in unknown_parameters(self, given):
+            self.get_logger().warning(sentence)
+        self._runtime = RuntimeParameters(self, self._setup, self._apply)
+        self._runtime.start()
+
+    def _make_topics(self, p: IdentifyParameters) -> None:
+        """Make all that stands in the graph. Raises ParameterError."""
+        self._solver: FrameSolver | None = None
+        self._starting: Starting | None = Starting(self)
+        self._journal = Journal(self)
+        self._follower = FocalLengthFollower(self, p.calibrate_focal_length)
+        with overrides_checked():
+            self._outputs = Outputs(self, p.reference_frame, p.camera_frame)
+            self._intake = Intake(self, lambda: self._setup, self._identify, self._reject)
+        DiagnosticsPublisher(self, self._statuses)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self._intake = Intake(
-            self, lambda: self._configuration, self._identify, self._reject
-        )
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """Frames that were not searched, and centroids that were left out, by reason."""
+        return self._journal.rejected
+
+    @property
+    def ready(self) -> bool:
+        """Whether frames are solved: the solver has been compiled or loaded."""
+        return self._solver is not None
 
     def destroy_node(self) -> None:
         """End the node, and before it a database that is being built."""
-        if hasattr(self, "_runtime"):
+        if self._runtime is not None:
             self._runtime.finish()
         super().destroy_node()
 
@@ -91,35 +99,36 @@ class IdentifyNode(Node):
         unknown = [p.name for p in parameter_list if not self.has_parameter(p.name)]
         if unknown:
             return SetParametersResult(
-                successful=False, reason=f"there is no parameter {', '.join(unknown)}"
+                successful=False, reason="; ".join(no_such_parameter(self, n) for n in unknown)
             )
         return super().set_parameters_atomically(parameter_list)
 
-    def _apply(self, configuration: Configuration, database: FeatureDatabase) -> None:
-        """Work with this configuration from now on. Raises ValueError and keeps the old one."""
-        self._tracker = configuration.tracker(database)
-        if not self.context.ok():  # told to end meanwhile
-            self.destroy_node()
-            raise ExternalShutdownException
-        self._configuration, self._database = configuration, database
-        if database.cache_note:
+    def _apply(self, setup: SolverSetup, database: FeatureDatabase) -> None:
+        """Work with this setup from now on. Raises ValueError and keeps the one before."""
+        self._solver = FrameSolver(setup, database, self._follower)
+        self._setup = setup
+        starting, self._starting = self._starting, None
+        if database.cache_note and not (starting and starting.warned):
             self.get_logger().warning(database.cache_note)
-        p = configuration.values
-        self._predictor = Predictor(p["tracking_max_age_s"])
-        source = "camera_info" if p["use_camera_info"] else (
-            f"{p['fov_deg']:g} deg over {p['width_px']} px"
-        )
+        waited = ""
+        if starting:
+            starting.end()
+            if self._intake.n_waiting:
+                waited = f"; {self._intake.n_waiting} frames have waited"
         self.get_logger().info(
-            f"ready: {database.catalog.description}, {database.pairs.n_pairs} pairs, "
-            f"camera {source}, parity {p['parity']}, configuration {configuration.digest}"
+            f"ready: {database.catalog.description}, {database.pairs.n_pairs} pairs, camera "
+            f"{setup.camera_source}, parity {setup.parameters.parity}, "
+            f"configuration {setup.digest}{waited}"
         )
+        self._intake.open()
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._predictor.reset()
+        if self._solver is not None:
+            self._solver.reset()
         response.success, response.message = True, "the next frame is searched lost in space"
         return response
 
-    def _identify(self, frame: Frame, camera: Camera) -> None:
+    def _identify(self, frame: IncomingFrame, camera: Camera) -> None:
         try:
             self._solve(frame, camera)
         except MessageError as error:
@@ -129,110 +138,50 @@ class IdentifyNode(Node):
                 raise ExternalShutdownException from error
             self._reject(frame, "internal_error", f"{type(error).__name__}: {error}")
 
-    def _solve(self, frame: Frame, camera: Camera) -> None:
+    def _solve(self, frame: IncomingFrame, camera: Camera) -> None:
         """Take one frame the whole way. Raises MessageError where it cannot be read."""
-        p = self._configuration.values
+        solver, header, p = self._solver, frame.header, self._setup.parameters
         centroids = centroids_from_cloud(frame.message)
-        stamp = frame.stamp_ns
-        if camera.parity != p["parity"]:  # changed since the camera was announced
-            camera = camera.with_parity(p["parity"])
-        camera = self._watch.camera(camera)
-        if camera != self._tracker.camera:
-            self._tracker = StarTracker(
-                self._database, camera, self._configuration.settings
-            )
-        predicted = self._predictor.predict(stamp) if p["mode"] == "auto" else None
-        due = time.monotonic() - self._hinted_s >= _HINT_S
-        deadline_ms = self._deadline_ms(frame, due)
-        solution = self._tracker.solve(
-            centroids.xy_px, centroids.intensity, predicted=predicted,
-            # An empty sky takes all the time there is: leave some for a hint.
-            deadline_ms=_HINT_AFTER * deadline_ms if due and self._n_unsolved else deadline_ms,
-        )
-        if solution.attitude is not None:
-            self._predictor.add(stamp, solution.attitude.quaternion_xyzw)
-        catalog = self._database.catalog
-        self._watch.learn(camera, solution, centroids.xy_px, catalog)
-        self._complain(solution)
-        self._outputs.publish(
-            solution, frame.header,
-            self._hint(camera, solution, centroids.xy_px, deadline_ms - solution.solve_ms),
-        )
-        self._outputs.publish_stars(solution, centroids.xy_px, catalog, frame.header)
-        if p["publish_markers"]:
-            self._outputs.publish_markers(solution, camera, catalog, frame.header)
-        self._record(frame, solution)
+        answer = solver.solve(centroids, camera, frame.stamp_ns, frame.received_s)
+        self._journal.read(answer)
+        self._outputs.publish(answer.solution, header, answer.hint)
+        self._outputs.publish_stars(answer.solution, centroids.xy_px, solver.catalog, header)
+        if p.publish_markers:
+            self._outputs.publish_markers(answer.solution, answer.camera, solver.catalog, header)
+        self._journal.answered(frame, answer, p.log_frames)
 
-    def _deadline_ms(self, frame: Frame, hint_is_due: bool) -> float:
-        """Return how long a frame may take: in step with the stream, if `keep_up` says so."""
-        longest_ms = self._configuration.settings.deadline_ms
-        in_step_ms = self._pace.deadline_ms(frame.received_s, longest_ms)
-        # A hint takes longer than a fast stream leaves. Where nothing is solved, nothing is lost.
-        at_leisure = hint_is_due and self._n_unsolved >= _HOPELESS
-        keep_up = self._configuration.values["keep_up"] and not at_leisure
-        return in_step_ms if keep_up else longest_ms
-
-    def _hint(
-        self, camera: Camera, solution: Solution, xy_px: Floats, left_ms: float
-    ) -> str:
-        """Return what would solve a frame, or solve it better, in what is left of its deadline."""
-        unsolved = solution.status in (Status.NO_MATCH, Status.TIMEOUT)
-        self._n_unsolved = self._n_unsolved + 1 if unsolved else 0
-        now = time.monotonic()
-        if now - self._hinted_s < _HINT_S or not wants_hint(solution) or left_ms <= 0:
-            return ""
-        self._hinted_s = now
-        tried = camera, self._configuration.settings
-        return hint(self._database, tried, xy_px, solution, min(left_ms, _HINT_MS))
-
-    def _complain(self, solution: Solution) -> None:
-        """Count and log what was wrong with a frame that could be read."""
-        if solution.status is Status.BAD_INPUT:
-            self.rejected["bad_centroids"] += 1
-            self.get_logger().error(solution.reason, throttle_duration_sec=1.0)
-        elif solution.n_ignored:
-            self.rejected["ignored_centroids"] += solution.n_ignored
-            self.get_logger().warning(
-                f"{solution.n_ignored} centroids are non-finite or outside of the image and were "
-                "left out: check the camera's size and the detector",
-                throttle_duration_sec=1.0,
-            )
-
-    def _reject(self, frame: Frame | None, kind: str, reason: str) -> None:
+    def _reject(self, frame: IncomingFrame | None, kind: str, reason: str) -> None:
         """Count what cannot be used and say why, in the log and for a frame to the subscribers."""
-        self.rejected[kind] += 1
-        self.get_logger().error(reason, throttle_duration_sec=1.0)
+        self._journal.refused(kind, reason)
         if frame is None:
             return
         solution = Solution(Status.BAD_INPUT, reason, Identification.empty(0))
         self._outputs.publish(solution, frame.header)
-        self._record(frame, solution)
-
-    def _record(self, frame: Frame, solution: Solution) -> None:
-        """Enter a frame that has been answered into the health statistics."""
-        now = time.monotonic()
-        state = solution.identification.state
-        age_s = input_age_s(frame.stamp_ns, self.get_clock().now().nanoseconds)
-        self._health.add(FrameRecord(
-            solution.attitude is not None, f"{solution.status.value}: {solution.reason}",
-            solution.mode, 1e3 * (now - frame.received_s), age_s, len(state),
-            int((state == StarState.UNIDENTIFIED).sum()),
-        ), now)
+        p = self._setup.parameters
+        self._journal.answered(frame, Answer(solution, self._setup.camera), p.log_frames)
 
     def _statuses(self) -> Iterator[DiagnosticStatus]:
         """Yield what /diagnostics carries."""
-        self._health.n_dropped = self._intake.n_dropped
-        level, message, values = self._health.report(self.rejected, time.monotonic())
+        health = self._journal.health
+        health.n_dropped = self._intake.n_dropped
+        level, message, values = health.report(self._journal.rejected, time.monotonic())
+        if self._starting is not None:
+            level, message = "warn", self._starting.sentence
         values |= {
-            "catalog": self._database.catalog.description,
-            "configuration": self._configuration.digest,
+            "catalog": self._solver.catalog.description if self._solver else None,
+            "configuration": self._setup.digest,
             "version": package_version(),
         }
-        name = self.get_fully_qualified_name()
-        yield status_from_health(f"{name}: health", level, message, values)
-        focal_length = self._watch.status()
-        if focal_length is not None:
-            yield focal_length
+        # Without the first slash, of which the diagnostics' aggregator would make a blank.
+        name = self.get_fully_qualified_name().lstrip("/")
+        hardware = self._setup.parameters.camera_frame or self._journal.frame_id
+        for status in (
+            status_from_health(f"{name}: health", level, message, values),
+            self._follower.status(name),
+        ):
+            if status is not None:
+                status.hardware_id = hardware or name
+                yield status
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,11 +1,39 @@
-"""Subscriptions that hear publishers of either reliability, and count what they miss."""
+"""Topics of the nodes: subscriptions that hear every publisher, and QoS that a user may set."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
+
+from star_tracker.nodes.declaring import ParameterError
+
+#: What may be overridden: `qos_overrides./TOPIC.publisher.reliability` and so on. The depth of a
+#: subscription is a parameter of the node's own, where that makes sense.
+PUBLISHED = QoSOverridingOptions(
+    (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY)
+)
+_BEST = DurabilityPolicy.BEST_AVAILABLE
+_SUBSCRIBED = (QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY)
+
+
+@contextmanager
+def overrides_checked() -> Iterator[None]:
+    """Raise ParameterError where topics are made with a QoS that is overridden by what is none."""
+    try:
+        yield
+    except (InvalidQosOverridesError, ParameterException) as error:
+        raise ParameterError(str(error)) from error
+    except RuntimeError as error:  # what rclpy raises for the name of a policy
+        if "QoS override" not in str(error):
+            raise
+        raise ParameterError(str(error)) from error
 
 
 class DropCounter:
@@ -34,16 +62,30 @@ class DropCounter:
         self._last = sequence
 
 
+@dataclass(frozen=True)
+class _Topic:
+    """What a subscription is made of, and made again of."""
+
+    kind: Any
+    name: str
+    depth: int
+    latched: bool
+    callback: Callable[[Any, Mapping[str, Any]], None]
+    on_publishers: Callable[[int], None] | None = None
+
+    def qos(self) -> QoSProfile:
+        return QoSProfile(
+            depth=self.depth, reliability=ReliabilityPolicy.BEST_AVAILABLE,
+            durability=_BEST if self.latched else DurabilityPolicy.VOLATILE,
+        )
+
+
 def subscribe(
     node: Node, kind: Any, topic: str, depth: int,
     callback: Callable[[Any, Mapping[str, Any]], None], *,
     on_publishers: Callable[[int], None] | None = None,
 ) -> None:
     """Subscribe so that reliable and best-effort publishers both connect.
-
-    BEST_AVAILABLE is settled when the subscription is made, as RELIABLE where no publisher is
-    known yet. A best-effort publisher that appears later does not match then, but announces
-    itself as incompatible; subscribing again settles it anew, with that publisher known.
 
     Args:
         node: who listens.
@@ -53,16 +95,64 @@ def subscribe(
         callback: called with a message and what the middleware knows of it.
         on_publishers: called with the number of publishers when it has changed.
     """
+    _subscribe(node, _Topic(kind, topic, depth, False, callback, on_publishers))
 
-    def subscribe_again(_: Any) -> None:
-        node.get_logger().info(f"{topic}: subscribing again for a best-effort publisher")
+
+def subscribe_latched(
+    node: Node, kind: Any, topic: str, depth: int,
+    callback: Callable[[Any, Mapping[str, Any]], None],
+) -> None:
+    """Subscribe as `subscribe`, and hear what a publisher keeps for those that come later."""
+    _subscribe(node, _Topic(kind, topic, depth, True, callback))
+
+
+def _subscribe(node: Node, topic: _Topic) -> None:
+    """Subscribe, and again where the publishers that there are by then need another QoS.
+
+    BEST_AVAILABLE is settled when the subscription is made, as the stricter policy where no
+    publisher is known yet. One with the laxer policy that appears later does not match then, but
+    announces itself as incompatible: subscribing again settles it anew, with that publisher known.
+    For durability it is the other way round, lest each camera that starts later should complain:
+    without a publisher it is VOLATILE, until one comes that keeps its messages.
+    """
+    settled: dict[str, bool] = {}
+
+    def settle(qos: QoSProfile) -> SetParametersResult:
+        settled["best"] = qos.durability == _BEST  # unless a user has overridden it
+        if settled["best"] and not node.get_publishers_info_by_topic(name):
+            qos.durability = DurabilityPolicy.VOLATILE
+        return SetParametersResult(successful=True)
+
+    def again() -> None:
         node.destroy_subscription(subscription)
-        subscribe(node, kind, topic, depth, callback, on_publishers=on_publishers)
+        _subscribe(node, topic)
+
+    def incompatible(_: Any) -> None:
+        node.get_logger().info(f"{topic.name}: subscribing again for a publisher of another QoS")
+        again()
 
     def matched(info: Any) -> None:
-        if on_publishers is not None:
-            on_publishers(int(info.current_count))
+        if topic.on_publishers is not None:
+            topic.on_publishers(int(info.current_count))
+        came = info.current_count_change > 0
+        if came and settled["best"] and _misses_what_is_kept(node, name):
+            again()
 
-    qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_AVAILABLE)
-    events = SubscriptionEventCallbacks(incompatible_qos=subscribe_again, matched=matched)
-    subscription = node.create_subscription(kind, topic, callback, qos, event_callbacks=events)
+    name = node.resolve_topic_name(topic.name)
+    events = SubscriptionEventCallbacks(incompatible_qos=incompatible, matched=matched)
+    subscription = node.create_subscription(
+        topic.kind, topic.name, topic.callback, topic.qos(), event_callbacks=events,
+        qos_overriding_options=QoSOverridingOptions(_SUBSCRIBED, callback=settle),
+    )
+
+
+def _misses_what_is_kept(node: Node, name: str) -> bool:
+    """Return whether all publishers of a topic keep messages that this node did not ask for."""
+    me = (node.get_name(), node.get_namespace())
+    mine = [
+        info.qos_profile.durability for info in node.get_subscriptions_info_by_topic(name)
+        if (info.node_name, info.node_namespace) == me
+    ]
+    theirs = [info.qos_profile.durability for info in node.get_publishers_info_by_topic(name)]
+    kept = all(one == DurabilityPolicy.TRANSIENT_LOCAL for one in theirs)
+    return kept and DurabilityPolicy.VOLATILE in mine

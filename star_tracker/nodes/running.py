@@ -1,20 +1,21 @@
-"""How every node of this package starts and ends."""
+"""How every node of this package starts and ends, as a console command too.
+
+A node's imports take half a second, and several on a busy machine. A console command takes signals
+before that: what it imports with this module is light, and all else comes when a node is made.
+"""
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-import rclpy
-from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
-from rclpy.exceptions import NotInitializedException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.logging import get_logger
-from rclpy.node import Node
-
-from star_tracker.nodes.parameters import ParameterError
+if TYPE_CHECKING:
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _LONGEST_WAIT_S = 0.5
@@ -22,7 +23,25 @@ _LONGEST_WAIT_S = 0.5
 _LONGEST_END_S = 1.0
 
 
-def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+def identify_node() -> int:
+    """Run identify_node; return the exit code."""
+    return _command("identify_node")
+
+
+def replay_node() -> int:
+    """Run replay_node; return the exit code."""
+    return _command("replay_node")
+
+
+def _command(module: str) -> int:
+    """Run the node of a module, which a signal ends quietly from the first moment."""
+    for number in _SIGNALS:
+        signal.signal(number, lambda *_: os._exit(0))
+    main: Any = import_module(f"star_tracker.nodes.{module}").main
+    return int(main(sys.argv))
+
+
+def run(name: str, make: Callable[[], "Node"], args: Sequence[str] | None = None) -> int:
     """Spin the node that `make` returns until it is told to stop; return the exit code.
 
     SIGINT, SIGTERM and a shutdown by the node itself end with 0, a configuration that cannot be
@@ -33,13 +52,25 @@ def run(name: str, make: Callable[[], Node], args: Sequence[str] | None = None) 
         make: makes the node. Raises ParameterError for a configuration that cannot be used.
         args: the command line's, None for that of the process.
     """
+    import rclpy
+    from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+    from rclpy.executors import SingleThreadedExecutor
+
+    from star_tracker.nodes.declaring import unheard_files
+
+    def make_and_warn() -> "Node":
+        node = make()
+        for sentence in unheard_files(node, sys.argv if args is None else args):
+            node.get_logger().warning(sentence)
+        return node
+
     with _ending_soon_when_told() as told:
         try:
             rclpy.init(args=args)
             executor = SingleThreadedExecutor()
         except (RCLError, UnknownROSArgsError) as error:
             return 0 if told.is_set() else _refuse(name, error)
-        return _spin(name, make, executor, told)
+        return _spin(name, make_and_warn, executor, told)
 
 
 @contextmanager
@@ -72,9 +103,17 @@ def _ending_soon_when_told() -> Iterator[threading.Event]:
 
 
 def _spin(
-    name: str, make: Callable[[], Node], executor: SingleThreadedExecutor, told: threading.Event
+    name: str, make: Callable[[], "Node"], executor: "SingleThreadedExecutor",
+    told: threading.Event,
 ) -> int:
     """Make the node, spin it to its end and clean up; return the exit code."""
+    import rclpy
+    from rclpy._rclpy_pybind11 import RCLError
+    from rclpy.exceptions import NotInitializedException
+    from rclpy.executors import ExternalShutdownException
+
+    from star_tracker.nodes.declaring import ParameterError
+
     node: Node | None = None
     try:
         node = make()
@@ -101,6 +140,9 @@ def _spin(
 
 def _shut_down() -> None:
     """Shut down rclpy, unless its handler of signals has done so or does so just now."""
+    import rclpy
+    from rclpy._rclpy_pybind11 import RCLError
+
     try:
         rclpy.try_shutdown()
     except RCLError:
@@ -111,5 +153,7 @@ def _shut_down() -> None:
 
 def _refuse(name: str, error: Exception) -> int:
     """Say in one line what cannot be used; return the exit code."""
+    from rclpy.logging import get_logger
+
     get_logger(name).fatal(" ".join(str(error).split()))
     return 2

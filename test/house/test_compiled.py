@@ -130,6 +130,59 @@ def test_the_folder_follows_the_sources(monkeypatch, tmp_path):
     assert len(list((tmp_path / "cache" / "star_tracker").iterdir())) == 3
 
 
+# What is in the folder
+
+
+def full(self, data):
+    raise OSError(30, "Read-only file system")
+
+
+def test_a_folder_is_warm_once_all_has_been_compiled(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    folder = module._cache_folder()
+    assert module.cache_state() == module.CacheState(folder, writable=True, warm=False)
+    module.mark_warm()
+    assert module.cache_state() == module.CacheState(folder, writable=True, warm=True)
+
+
+@pytest.mark.parametrize("other", ["__version__", "get_host_cpu_name"])
+def test_what_another_numba_or_processor_has_compiled_is_not_warm(other, monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    module.mark_warm()
+    if other == "__version__":
+        monkeypatch.setattr(module.numba, "__version__", "0.0")
+    else:
+        monkeypatch.setattr(module, "get_host_cpu_name", lambda: "another")
+    assert not module.cache_state().warm
+
+
+def test_a_user_without_a_home_has_nothing_warm(no_folders, monkeypatch):
+    monkeypatch.setattr(module, "cache_folder", lambda: None)
+    assert module.cache_state() == module.CacheState(None, writable=False, warm=False)
+    module.mark_warm()  # does nothing, and nothing is raised
+
+
+def test_a_read_only_folder_is_used_where_it_is_warm(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert compiled(half_of)(3.0) == 1.5
+    module.mark_warm()
+    named = module._cache_folder()
+    module._cache_folder.cache_clear()
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert module._cache_folder() != named
+    again = compiled(half_of)
+    assert again(3.0) == 1.5
+    assert sum(again.stats.cache_hits.values()) == 1
+    assert module.cache_state() == module.CacheState(named, writable=False, warm=True)
+
+
+def test_a_read_only_folder_that_is_not_warm_is_none(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert module._cache_folder() is None
+    assert not module.cache_state().writable
+
+
 # Compiling
 
 

@@ -12,7 +12,7 @@ from waiting import last_resort
 
 from msg_adapters.point_cloud import STAR_DTYPE
 from star_tracker.maps.star_map import paper_maps
-from star_tracker.nodes.demo import Result, judge
+from star_tracker.nodes.demo import Result, grade
 from star_tracker.resources import resource_path
 
 MAP6 = paper_maps((6,))[0]
@@ -30,7 +30,7 @@ def perfect(star_map):
 
 
 def test_a_perfect_answer_has_no_faults():
-    row = judge(MAP6, perfect(MAP6))
+    row = grade(MAP6, perfect(MAP6))
     assert row.faults == ()
     assert (row.n_right, row.n_identified, row.n_displaced) == (12, 9, 3)
 
@@ -38,30 +38,30 @@ def test_a_perfect_answer_has_no_faults():
 def test_a_wrong_label_is_a_fault():
     result = perfect(MAP6)
     result.stars["star_number"][0] = 1671
-    assert judge(MAP6, result).faults == ("F01 is star 1670, labelled 1671",)
+    assert grade(MAP6, result).faults == ("F01 is star 1670, labelled 1671",)
 
 
 def test_a_star_without_a_label_is_a_fault():
     result = perfect(MAP6)
     result.stars["star_number"][1] = 0
-    assert judge(MAP6, result).faults == ("F02 is star 1477, labelled nothing",)
+    assert grade(MAP6, result).faults == ("F02 is star 1477, labelled nothing",)
 
 
 def test_a_boresight_three_arcsec_off_is_a_fault():
     result = perfect(MAP6)
     result.boresight_deg[1] += 3 / 3600
-    assert judge(MAP6, result).faults == ("boresight is 3.0 arcsec off, more than 2",)
+    assert grade(MAP6, result).faults == ("boresight is 3.0 arcsec off, more than 2",)
 
 
 def test_a_map_without_an_attitude_is_a_fault_with_its_reason():
     result = replace(perfect(MAP6), boresight_deg=None, values={"reason": "too cloudy"})
-    assert judge(MAP6, result).faults == ("no attitude: too cloudy",)
+    assert grade(MAP6, result).faults == ("no attitude: too cloudy",)
 
 
 def test_lost_stars_are_a_fault():
     result = perfect(MAP6)
     short = replace(result, stars=result.stars[:-1])
-    assert judge(MAP6, short).faults[0] == "11 stars came back, not 12"
+    assert grade(MAP6, short).faults[0] == "11 stars came back, not 12"
 
 
 @starts_nodes

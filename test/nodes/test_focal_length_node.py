@@ -1,4 +1,4 @@
-"""identify_node watches its focal length: /diagnostics, the service, and what it applies."""
+"""identify_node follows its focal length: /diagnostics, the service, and what it applies."""
 
 from contextlib import contextmanager
 
@@ -9,7 +9,7 @@ from ros_helpers import IdentifyClient, frame_of, health_from_diagnostics, open_
 from std_srvs.srv import Trigger
 
 from star_tracker.maps.star_map import paper_maps
-from star_tracker.nodes.identify import focal_length_watch
+from star_tracker.nodes.identify import focal_length_follower
 from star_tracker.nodes.identify_node import IdentifyNode
 
 #: The 12 deg camera's maps without displaced stars.
@@ -36,7 +36,7 @@ def client(mode):
 
 @pytest.fixture(autouse=True)
 def every_frame_counts(monkeypatch):
-    monkeypatch.setattr(focal_length_watch, "_FRAME_S", 0.0)
+    monkeypatch.setattr(focal_length_follower, "_FRAME_S", 0.0)
 
 
 def loops(node_client, n):
@@ -59,7 +59,7 @@ def ask(node_client):
 def test_apply_converges_and_the_residuals_fall():
     with client("apply") as node:
         first, *_, last = loops(node, 3)
-        camera = node.bench.node._tracker.camera
+        camera = node.bench.node._solver.tracker.camera
         assert camera.focal_length_px == pytest.approx(TRUE_PX, rel=1e-3)
         # 2 % of some 150 px from the centre, and the rounding of the centroids.
         assert first[0] > 1.0
@@ -76,11 +76,12 @@ def test_report_leaves_the_camera_alone_and_tells_the_drift():
                 for m in reports.messages for s in m.status
             ), "report in /diagnostics",
         )
-        name = f"{node.bench.node.get_fully_qualified_name()}: focal length"
+        name = f"{node.bench.node.get_fully_qualified_name()[1:]}: focal length"
         values = health_from_diagnostics(reports.messages[-1], name)
         assert float(values["drift_percent"]) == pytest.approx(100 / 1.02 - 100, abs=0.1)
         assert float(values["drift_standard_error_percent"]) < 0.1
-        assert node.bench.node._tracker.camera.focal_length_px == pytest.approx(1.02 * TRUE_PX)
+        camera = node.bench.node._solver.tracker.camera
+        assert camera.focal_length_px == pytest.approx(1.02 * TRUE_PX)
         answer = ask(node)
         assert answer.success
         assert answer.message.startswith(f"focal length {TRUE_PX:.0f}"[:16])
@@ -91,9 +92,11 @@ def test_off_reports_nothing_and_says_how_to_switch_it_on():
         loops(node, 1)
         answer = ask(node)
         assert not answer.success
-        assert answer.message == "calibrate_focal_length is off: set it to report or apply"
+        assert answer.message == (
+            "calibrate_focal_length is off: restart the node with it set to report or apply"
+        )
         assert [s.name for s in node.bench.node._statuses()] == [
-            f"{node.bench.node.get_fully_qualified_name()}: health"
+            f"{node.bench.node.get_fully_qualified_name()[1:]}: health"
         ]
 
 

@@ -28,8 +28,8 @@ from star_tracker.geometry.spherical import separation, unit_vectors
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.identify_node import IdentifyNode
-from star_tracker.nodes.parameters import ParameterError
 from star_tracker.optics.distortion import Distortion
 
 MAPS = dict(enumerate(paper_maps(), start=1))
@@ -357,7 +357,7 @@ def test_frame_without_any_camera_info_is_bad_input_and_counted(info_client):
     frame = map_frame(6)
     outcome = info_client.send(frame)
     assert outcome.status == "BAD_INPUT"
-    assert "no CameraInfo was received for this frame" in outcome.values["reason"]
+    assert "its publisher has sent none yet" in outcome.values["reason"]
     assert outcome.solution.status[0].level == DiagnosticStatus.ERROR
     assert rejected(info_client) == {"camera_info_missing": 1}
     assert info_client.outcome(send_with_info(info_client, 6)).status == "SOLVED"

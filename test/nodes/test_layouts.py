@@ -144,7 +144,7 @@ def test_foxglove_plots_name_fields_and_keys_that_exist(foxglove, published):
         elif topic == "/solution":
             assert pair["key"] in solution
         else:
-            assert path.startswith('/diagnostics.status[:]{name=="/identify_node: health"}.')
+            assert path.startswith('/diagnostics.status[:]{name=="identify_node: health"}.')
             assert pair["key"] in health
 
 

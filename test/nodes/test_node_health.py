@@ -20,8 +20,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from msg_adapters.imu import orientation_from_imu
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.maps.star_map import paper_maps
-from star_tracker.nodes import identify_node
-from star_tracker.nodes.identify import health_report
+from star_tracker.nodes.identify import health as health_module
+from star_tracker.nodes.identify import hinting
 from star_tracker.nodes.identify_node import IdentifyNode
 
 MAP1 = paper_maps((1,))[0]
@@ -30,9 +30,9 @@ MAPS_12 = {"parity": "mirrored", "deadline_ms": 60_000.0, "keep_up": False}
 
 @pytest.fixture(autouse=True)
 def quick_reports(monkeypatch):
-    monkeypatch.setattr(health_report, "_PERIOD_S", 0.1)
-    monkeypatch.setattr(identify_node, "_HINT_S", 0.0)
-    monkeypatch.setattr(identify_node, "_HINT_MS", 10_000.0)
+    monkeypatch.setattr(health_module, "_PERIOD_S", 0.1)
+    monkeypatch.setattr(hinting, "_PERIOD_S", 0.0)
+    monkeypatch.setattr(hinting, "_LONGEST_MS", 10_000.0)
 
 
 @contextmanager
@@ -52,7 +52,7 @@ def client():
 
 
 def name_of(client):
-    return f"{client.bench.node.get_fully_qualified_name()}: health"
+    return f"{client.bench.node.get_fully_qualified_name()[1:]}: health"
 
 
 def health(client, condition=lambda _: True):
@@ -127,7 +127,7 @@ def test_input_age_is_known_where_stamps_are_of_the_nodes_clock(client):
 def test_health_names_catalogue_configuration_and_version(client):
     client.send(map1())
     values = health(client)
-    assert values["catalog"] == client.bench.node._database.catalog.description
+    assert values["catalog"] == client.bench.node._solver.catalog.description
     assert len(values["configuration"]) == 12
     assert int(values["configuration"], 16) >= 0
     assert values["version"]
@@ -137,7 +137,7 @@ def test_configuration_digest_follows_the_parameters():
     digests = []
     for parameters in ({}, {}, {"displaced_gate_px": 39.0}):
         with open_bench() as bench:
-            digests.append(bench.start(IdentifyNode, parameters)._configuration.digest)
+            digests.append(bench.start(IdentifyNode, parameters)._setup.digest)
     assert digests[0] == digests[1] != digests[2]
 
 
@@ -147,7 +147,7 @@ def test_an_error_inside_costs_one_frame_only(client, monkeypatch):
 
     before = client.bench.node.rejected["internal_error"]
     with monkeypatch.context() as patch:
-        patch.setattr(client.bench.node._tracker, "solve", fail)
+        patch.setattr(client.bench.node._solver.tracker, "solve", fail)
         outcome = client.send(map1())
     assert outcome.status == "BAD_INPUT"
     assert outcome.values["reason"] == "RuntimeError: out of order"
@@ -168,9 +168,10 @@ def test_imu_is_the_attitude_of_the_camera_frame(client):
     quaternion, covariance = orientation_from_imu(message)
     np.testing.assert_array_equal(quaternion, array_from_quaternion(outcome.attitude))
     assert message.header == frame.header
-    # Rounding to 0.01 px, of 84 arcsec each: a few tenths of an arcsec, ten times that in roll.
+    # Of 15 stars at a pixel of 84 arcsec: some arcsec, ten times that in roll. The noise is not
+    # told, so that what a detector usually has is in it, not only the rounding to 0.01 px.
     sigma = np.degrees(np.sqrt(np.linalg.eigvalsh(covariance))) * 3600
-    assert np.all((sigma > 0.01) & (sigma < 10))
+    assert np.all((sigma > 0.01) & (sigma < 100))
     assert message.angular_velocity_covariance[0] == -1.0
     assert message.linear_acceleration_covariance[0] == -1.0
 
@@ -228,14 +229,14 @@ def test_wrong_field_of_view_is_recognised():
 
 def test_a_hint_fits_into_the_default_deadline(monkeypatch):
     """A sky in a mirror takes the whole deadline: the frame after it leaves some time."""
-    monkeypatch.setattr(identify_node, "_HINT_MS", 100.0)
+    monkeypatch.setattr(hinting, "_LONGEST_MS", 100.0)
     with identify_client({"parity": "normal", "deadline_ms": 200.0, "keep_up": False}) as client:
         values = [client.send(map1()).values for _ in range(3)]
     assert "image looks mirrored: parity mirrored solves it" in [v["hint"] for v in values]
 
 
 def test_hints_are_rare(monkeypatch):
-    monkeypatch.setattr(identify_node, "_HINT_S", 1000.0)
+    monkeypatch.setattr(hinting, "_PERIOD_S", 1000.0)
     with identify_client({"parity": "normal"}) as client:
         hints = [client.send(map1()).values["hint"] for _ in range(3)]
     assert [bool(text) for text in hints] == [True, False, False]

@@ -111,7 +111,7 @@ def test_latency_counts_from_reception():
         for frame in burst:
             client.publish(frame)
         client.outcome(burst[-1])
-        records = [record for _, record in bench.node._health._frames][1:]
+        records = [record for _, record in bench.node._journal.health._frames][1:]
     assert records[-1].latency_ms > records[0].latency_ms
     assert records[-1].latency_ms < 10_000
 
@@ -135,7 +135,7 @@ def test_two_cameras_in_one_graph_by_namespace():
                     for name, value in {**MAPS_12, **parameters}.items()
                 ],
             ))
-            names.append(f"{node.get_fully_qualified_name()}: health")
+            names.append(f"{node.get_fully_qualified_name()[1:]}: health")
             frames[side] = frame_of(MAPS[number].xy_px, new_header(side))
         bench.until(lambda: all(a.n_publishers for a in answers.values()), "both nodes")
         for side, frame in frames.items():

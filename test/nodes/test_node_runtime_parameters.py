@@ -2,6 +2,7 @@
 
 import threading
 from contextlib import contextmanager
+from dataclasses import asdict
 
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -13,7 +14,7 @@ from sensor_msgs.msg import CameraInfo
 from msg_adapters.camera_info import info_from_camera
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.maps.star_map import paper_maps
-from star_tracker.nodes.identify.configuration import Configuration
+from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.identify_node import IdentifyNode
 
 MAPS = dict(enumerate(paper_maps(), start=1))
@@ -39,10 +40,10 @@ def shared_client():
 def client(shared_client):
     """A node with the parameters that it was started with."""
     node = shared_client.bench.node
-    before = node._configuration.values
+    before = asdict(node._setup.parameters)
     yield shared_client
     assert set_all(node, before).successful
-    assert node._configuration.values == before
+    assert asdict(node._setup.parameters) == before
 
 
 def ros(values):
@@ -83,7 +84,7 @@ def test_another_camera_is_taken_as_a_whole(client):
     answer = call(client, SetParametersAtomically, "set_parameters_atomically", request)
     assert (answer.result.successful, answer.result.reason) == (True, "")
     assert send(client, 7).values["matched"] == "41"
-    assert client.bench.node._tracker.camera.width_px == 1024
+    assert client.bench.node._solver.tracker.camera.width_px == 1024
 
 
 def test_one_bad_value_refuses_all(client):
@@ -94,7 +95,7 @@ def test_one_bad_value_refuses_all(client):
         "parameter parity is 'sideways': it must be one of normal, mirrored, auto"
     )
     assert node.get_parameter("fov_deg").value == 12.0
-    assert node._configuration.camera.width_px == 512
+    assert node._setup.camera.width_px == 512
     assert send(client, 1).status == "SOLVED"
 
 
@@ -107,7 +108,7 @@ def test_values_that_do_not_fit_each_other_are_refused(client):
 
 def test_an_integer_for_a_float_is_taken(client):
     assert client.bench.node.set_parameters_atomically(ros({"fov_deg": 12})).successful
-    assert client.bench.node._configuration.values["fov_deg"] == 12.0
+    assert client.bench.node._setup.parameters.fov_deg == 12.0
     assert send(client, 1).status == "SOLVED"
 
 
@@ -121,7 +122,9 @@ def test_an_integer_for_a_float_is_taken(client):
      "parameter width_px is 512.0: it must be a whole number from 16 to 65536 px"),
     ("pair_tolerance_px", [float("nan")], "parameter pair_tolerance_px is [nan]: it must be"),
     ("use_camera_info", True, "read-only parameter: use_camera_info"),
-    ("fov_degrees", 12.0, "there is no parameter fov_degrees"),
+    ("fov_degrees", 12.0, "there is no parameter fov_degrees: fov_deg?"),
+    ("fov", 12.0, "there is no parameter fov: fov_deg?"),
+    ("exposure", 12.0, "there is no parameter exposure"),
 ])
 def test_refusal_is_one_line_that_names_the_parameter(client, name, value, words):
     request = SetParameters.Request(parameters=messages({name: value}))
@@ -157,22 +160,19 @@ def test_a_parity_that_changes_holds_for_cameras_announced_before():
 @pytest.fixture
 def slow_building(monkeypatch):
     """Building waits until `set` is called."""
-    gate, build = threading.Event(), Configuration.build_database
+    gate, build = threading.Event(), SolverSetup.build_database
 
     def wait_and_build(self):
         assert gate.wait(30)
         return build(self)
 
-    monkeypatch.setattr(Configuration, "build_database", wait_and_build)
+    monkeypatch.setattr(SolverSetup, "build_database", wait_and_build)
     return gate
 
 
 def until_built(client):
-    """Wait for the database; the node's other messages are the events."""
-    bench, node = client.bench, client.bench.node
-    timer = bench.probe.create_timer(0.01, bench._event)
-    bench.until(lambda: not node._runtime.building, "database")
-    bench.probe.destroy_timer(timer)
+    """Wait for the database."""
+    client.bench.until_true(lambda: not client.bench.node._runtime.building, "database")
 
 
 def test_the_old_database_serves_while_another_is_built(slow_building):
@@ -181,12 +181,12 @@ def test_the_old_database_serves_while_another_is_built(slow_building):
         assert set_all(node, {"catalog": "hipparcos", "displaced_gate_px": 30.0}).successful
         assert node._runtime.building
         assert (send(client, 1).stars["star_number"] > 0).all()
-        assert node._configuration.values["displaced_gate_px"] == 40.0  # waits for the database
+        assert node._setup.parameters.displaced_gate_px == 40.0  # waits for the database
         slow_building.set()
         until_built(client)
-        assert node._configuration.values["displaced_gate_px"] == 30.0
+        assert node._setup.parameters.displaced_gate_px == 30.0
         assert send(client, 1).status == "SOLVED"
-        assert node._database.catalog.description.startswith("hipparcos")
+        assert node._solver.catalog.description.startswith("hipparcos")
 
 
 @contextmanager
@@ -207,77 +207,93 @@ def test_changes_during_the_building_are_not_lost(slow_building):
         assert set_all(node, {"epoch": 2020.0}).successful
         slow_building.set()
         until_built(client)
-        values = node._configuration.values
-        assert (values["epoch"], values["displaced_gate_px"]) == (2020.0, 30.0)
-        assert node._database.catalog.epoch == 2020.0
+        p = node._setup.parameters
+        assert (p.epoch, p.displaced_gate_px) == (2020.0, 30.0)
+        assert node._solver.catalog.epoch == 2020.0
         assert send(client, 1).status == "SOLVED"
 
 
 def test_a_change_that_is_taken_back_meanwhile_leaves_the_old_database(slow_building):
     with identify_client_before(slow_building) as client:
-        node, old = client.bench.node, client.bench.node._database
+        node, old = client.bench.node, client.bench.node._solver.tracker.database
         assert set_all(node, {"epoch": 2010.0}).successful
         assert set_all(node, {"epoch": 2000.0}).successful
         slow_building.set()
         until_built(client)
-        assert node._database is old
-        assert node._configuration.values["epoch"] == 2000.0
+        assert node._solver.tracker.database is old
+        assert node._setup.parameters.epoch == 2000.0
 
 
 def test_parameters_go_back_where_no_database_can_be_built(client, monkeypatch):
     def fail(*_, **__):
         raise ValueError("too many\nguide stars")
 
-    node, old = client.bench.node, client.bench.node._database
+    node, old = client.bench.node, client.bench.node._solver.tracker.database
     with monkeypatch.context() as patch:
         patch.setattr(FeatureDatabase, "cached", fail)
         values = {"catalog": "hipparcos", "fov_deg": 13.0}
         assert set_all(node, values).successful
         until_built(client)
-    assert node._database is old
+    assert node._solver.tracker.database is old
     assert (node.get_parameter("catalog").value, node.get_parameter("fov_deg").value) == (
         "paper", 12.0
     )
     assert send(client, 1).status == "SOLVED"
 
 
-def test_a_catalogue_too_dense_for_the_fallback_goes_back(client):
+DEEP = {"catalog": "hipparcos", "limiting_magnitude": 7.0, "max_separation_deg": 4.0}
+TOO_DENSE = (
+    "15558 guide stars are too dense for method radial_cyclic, which takes 15000: lower "
+    "limiting_magnitude or set method to match_group"
+)
+
+
+@pytest.mark.parametrize(("values", "reason"), [
+    (DEEP, TOO_DENSE),
+    ({**DEEP, "limiting_magnitude": 8.0, "max_separation_deg": 12.0, "method": "match_group"},
+     "41008 stars make 20179576 directed pairs up to 12 deg, more than 8000000: "
+     "lower the limiting magnitude or the largest pair separation"),
+])
+def test_a_catalogue_that_cannot_be_is_refused_at_once(client, values, reason):
     node = client.bench.node
-    assert set_all(node, {
-        "catalog": "hipparcos", "limiting_magnitude": 7.0, "max_separation_deg": 4.0,
-    }).successful
-    until_built(client)
+    result = set_all(node, values)
+    assert (result.successful, result.reason) == (False, reason)
+    assert not node._runtime.building
     assert node.get_parameter("catalog").value == "paper"
 
 
-def test_a_change_during_the_building_that_does_not_fit_takes_all_back(slow_building):
-    deep = {
-        "catalog": "hipparcos", "limiting_magnitude": 7.0, "max_separation_deg": 4.0,
-        "method": "match_group",
-    }
+def test_a_change_that_does_not_fit_a_database_that_is_being_built_is_refused(slow_building):
     with identify_client_before(slow_building) as client:
-        node, before = client.bench.node, client.bench.node._configuration
-        assert set_all(node, deep).successful
-        assert set_all(node, {"method": "auto"}).successful  # fits the old database
+        node = client.bench.node
+        assert set_all(node, {**DEEP, "method": "match_group"}).successful
+        result = set_all(node, {"method": "auto"})  # fits the old database
+        assert (result.successful, result.reason) == (False, TOO_DENSE)
         slow_building.set()
         until_built(client)
-        assert node._configuration == before
-        assert {n: node.get_parameter(n).value for n in deep} == {
-            n: before.values[n] for n in deep
+        assert len(node._solver.catalog) == 15558
+
+
+def test_what_turns_out_not_to_fit_a_new_database_takes_all_back(slow_building, monkeypatch):
+    with identify_client_before(slow_building) as client:
+        node, before = client.bench.node, client.bench.node._setup
+        monkeypatch.setattr(SolverSetup, "check", lambda _: None)
+        assert set_all(node, {**DEEP, "method": "match_group"}).successful
+        assert set_all(node, {"method": "auto"}).successful
+        slow_building.set()
+        until_built(client)
+        assert node._setup == before
+        assert {n: node.get_parameter(n).value for n in DEEP} == {
+            n: getattr(before.parameters, n) for n in DEEP
         }
         assert send(client, 1).status == "SOLVED"
 
 
 def test_a_method_that_does_not_fit_the_database_is_refused():
-    deep = {
-        "catalog": "hipparcos", "limiting_magnitude": 7.0, "max_separation_deg": 4.0,
-        "method": "match_group",
-    }
     with open_bench() as bench:
-        node = bench.start(IdentifyNode, {**MAPS_12, **deep})
+        node = bench.start(IdentifyNode, {**MAPS_12, **DEEP, "method": "match_group"})
+        bench.until_ready()
         result = set_all(node, {"method": "auto"})
-    assert not result.successful
-    assert "too dense for method radial_cyclic" in result.reason
+    assert (result.successful, result.reason) == (False, TOO_DENSE)
 
 
 def test_a_node_that_ends_while_it_builds_ends_in_order(slow_building):

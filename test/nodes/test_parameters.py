@@ -8,15 +8,17 @@ import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange
 from ros_helpers import open_bench
 
+from star_tracker.nodes.declaring import Parameter, ParameterError, unheard_files
+from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.nodes.parameters import (
     IDENTIFY_PARAMETERS,
     REPLAY_PARAMETERS,
-    Parameter,
-    ParameterError,
+    IdentifyParameters,
 )
 from star_tracker.nodes.replay_node import ReplayNode
 from star_tracker.resources import resource_path
+from star_tracker.solution import SolveSettings
 
 NODES = {
     "identify_node": (IdentifyNode, IDENTIFY_PARAMETERS),
@@ -177,6 +179,90 @@ def test_node_runs_with_its_defaults(node):
         running = bench.start(make)
         values = {p.name: p.checked(running.get_parameter(p.name).value) for p in parameters}
     assert values == {p.name: p.default for p in parameters}
+
+
+def test_what_is_given_a_value_but_no_parameter_is_named_at_the_start(capfd):
+    with open_bench() as bench:
+        node = bench.start(ReplayNode, {"rate": 5.0, "noise_pix": 1.0, "seed": 3, "whatever": 1})
+        assert node.get_parameter("seed").value == 3
+        assert not node.has_parameter("rate")
+    lines = capfd.readouterr().err.splitlines()
+    assert {line.split("replay_node]: ")[1] for line in lines if "[WARN]" in line} == {
+        "there is no parameter rate: rate_hz?", "there is no parameter noise_pix: noise_px?",
+        "there is no parameter whatever",
+    }
+
+
+def test_parameters_of_every_node_are_not_named_at_the_start(capfd):
+    with open_bench() as bench:
+        node = bench.start(
+            ReplayNode, {"use_sim_time": True, "start_type_description_service": False}
+        )
+        assert node.get_parameter("use_sim_time").value
+    assert "there is no parameter" not in capfd.readouterr().err
+
+
+def test_the_dataclass_has_the_values_in_their_types():
+    overrides = {"fov_deg": 20, "pair_tolerance_px": [1, 2], "parity": "auto"}
+    with open_bench() as bench:
+        p = bench.start(IdentifyNode, overrides)._setup.parameters
+    assert (p.fov_deg, p.pair_tolerance_px, p.parity) == (20.0, (1.0, 2.0), "auto")
+    assert p == IdentifyParameters(fov_deg=20.0, pair_tolerance_px=(1.0, 2.0), parity="auto")
+
+
+@pytest.mark.parametrize(("cx_px", "middle"), [(-1.0, None), (0.0, 0.0), (12.5, 12.5)])
+def test_the_principal_point_is_the_middle_unless_told(cx_px, middle):
+    assert IdentifyParameters(cx_px=cx_px).principal_point_px == (middle, None)
+
+
+def test_the_settings_defaults_are_those_of_the_solver():
+    assert SolverSetup.of(IdentifyParameters()).settings == SolveSettings()
+
+
+# ---- files that are for another node ---------------------------------------------------------
+
+FILE = "{}:\n  ros__parameters:\n    rate_hz: 5.0\n"
+NESTED = "left:\n  {}:\n    ros__parameters:\n      rate_hz: 5.0\n"
+
+
+@pytest.mark.parametrize(("text", "namespace", "heard"), [
+    (FILE.format("/**"), "/left", True),
+    (FILE.format("replay_node"), "/", True),
+    (FILE.format("/replay_node"), "/", True),
+    (FILE.format("/left/replay_node"), "/left", True),
+    (FILE.format("/*/replay_node"), "/left", True),
+    (FILE.format("/**/replay_node"), "/left/inner", True),
+    (FILE.format("/**/replay_node"), "/", True),
+    (NESTED.format("replay_node"), "/left", True),
+    (FILE.format("star_tracker") + FILE.format("replay_node"), "/", True),
+    (FILE.format("star_tracker"), "/", False),
+    (FILE.format("replay_node"), "/left", False),
+    (FILE.format("/*"), "/left", False),
+    (NESTED.format("replay_node"), "/", False),
+])
+def test_a_parameter_file_for_another_node_is_named_as_rcl_takes_it(
+    text, namespace, heard, tmp_path
+):
+    path = tmp_path / "other.yaml"
+    path.write_text(text, encoding="utf-8")
+    arguments = ["--ros-args", "-r", f"__ns:={namespace}", "--params-file", str(path)]
+    with open_bench() as bench:
+        node = bench._add(ReplayNode(context=bench.context, cli_args=arguments))
+        sentences = unheard_files(node, arguments)
+        assert node.get_parameter("rate_hz").value == (5.0 if heard else 10.0)  # what rcl says
+        me = node.get_fully_qualified_name()
+    assert bool(sentences) != heard
+    for sentence in sentences:
+        assert sentence.startswith(f"parameter file {path} has nothing for {me}, only for /")
+        assert sentence.endswith(f": name it {me} or /**")
+
+
+def test_an_empty_parameter_file_is_for_nobody(tmp_path):
+    path = tmp_path / "empty.yaml"
+    path.touch()
+    with open_bench() as bench:
+        node = bench.start(ReplayNode)
+        assert unheard_files(node, ["--params-file", str(path), "--params-file"]) == []
 
 
 # ---- the files in config/ --------------------------------------------------------------------

@@ -100,9 +100,21 @@ def test_integer_for_a_float_on_the_command_line_is_accepted():
         wait_for_line(process, "camera 20 deg over 512 px")
 
 
+def test_what_does_not_reach_the_node_is_named_at_its_start(tmp_path):
+    path = tmp_path / "other.yaml"
+    path.write_text("star_tracker:\n  ros__parameters:\n    fov_deg: 20.0\n", encoding="utf-8")
+    arguments = ["--params-file", str(path), "-p", "fov:=20.0"]
+    with running(IDENTIFY, "/deaf", arguments) as process:
+        messages = wait_for_line(process, "ready: ")
+        messages += wait_for_line(process, "other.yaml") if str(path) not in messages else ""
+    assert "there is no parameter fov: fov_deg?" in messages
+    sentence = f"parameter file {path} has nothing for /deaf/identify_node, only for /star_tracker"
+    assert sentence in messages
+
+
 def test_console_command_passes_arguments_and_exit_code_on():
     """What else is refused, and in which words, is in `test_refusals.py`."""
-    script = "import sys; from star_tracker.nodes import entry_points as e; sys.exit(e.{}())"
+    script = "import sys; from star_tracker.nodes import running; sys.exit(running.{}())"
     arguments = ["-p", "rate_hz:=-1.0"]
     with started(["-c", script.format("replay_node")], "", arguments) as process:
         assert_refused(*ended(process), "rate_hz")

@@ -17,7 +17,7 @@ from star_tracker.resources import resource_path
 
 
 @pytest.fixture
-def refused(capfd):
+def refused(capfd, solver_compiled):
     """A function that runs a node with ROS arguments to its end and looks at how it ends."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.getsignal(number) for number in numbers]

@@ -51,8 +51,8 @@ IS_BUSY = "threading.Event().wait()"
 @pytest.mark.parametrize(("module", "owner", "name", "number", "rest"), [
     ("identify_node", "node_module", "declare", SIGINT, GOES_ON),
     # Most of the start.
-    ("identify_node", "node_module.Configuration", "build_database", SIGINT, GOES_ON),
-    ("identify_node", "node_module.Configuration", "build_database", SIGTERM, GOES_ON),
+    ("identify_node", "node_module.SolverSetup", "build_database", SIGINT, GOES_ON),
+    ("identify_node", "node_module.SolverSetup", "build_database", SIGTERM, GOES_ON),
     ("identify_node", "node_module.IdentifyNode", "_apply", SIGTERM, GOES_ON),
     ("identify_node", "node_module.IdentifyNode", "_apply", SIGINT, IS_BUSY),
     ("identify_node", "node_module", "Outputs", SIGINT, GOES_ON),
@@ -84,13 +84,13 @@ def test_second_signal_while_the_node_ends(number):
 #: A console command that signals itself when it comes to import numpy, as heavy as it gets.
 SIGNAL_AT_IMPORT = """
 import os, sys
-from star_tracker.nodes import entry_points
+from star_tracker.nodes import running
 class Finder:
     def find_spec(name, path=None, target=None):
         if name == "numpy":
             os.kill(os.getpid(), {number})
 sys.meta_path.insert(0, Finder)
-sys.exit(entry_points.{node}())
+sys.exit(running.{node}())
 """
 
 

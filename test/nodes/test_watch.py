@@ -20,9 +20,9 @@ from waiting import last_resort, longest_s
 from star_tracker.commands import cli
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.maps.star_map import paper_maps
-from star_tracker.nodes.identify import health_report
+from star_tracker.nodes.declaring import ParameterError
+from star_tracker.nodes.identify import health
 from star_tracker.nodes.identify_node import IdentifyNode
-from star_tracker.nodes.parameters import ParameterError
 from star_tracker.nodes.watch import node as watch_module
 from star_tracker.nodes.watch.node import WatchNode
 from star_tracker.nodes.watch.view import pose_degrees
@@ -45,7 +45,7 @@ class Notes:
 @contextmanager
 def watched_bench(monkeypatch, parameters=None):
     """A bench with an identify_node, connected frames, and a node that watches."""
-    monkeypatch.setattr(health_report, "_PERIOD_S", 0.1)
+    monkeypatch.setattr(health, "_PERIOD_S", 0.1)
     monkeypatch.setattr(watch_module, "_LOOK_S", 0.05)
     with open_bench() as bench:
         node = bench.start(IdentifyNode, {**FULL_SPEED, **(parameters or {})})

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Header
@@ -14,21 +15,18 @@ from msg_adapters import MessageError
 from msg_adapters.camera_info import camera_from_info
 from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.nodes.identify.camera_feed import CameraFeed
-from star_tracker.nodes.identify.configuration import Configuration
-from star_tracker.nodes.listening import DropCounter, subscribe
+from star_tracker.nodes.identify.solver_setup import SolverSetup
+from star_tracker.nodes.listening import DropCounter, subscribe, subscribe_latched
 from star_tracker.optics.camera import Camera
 
-_LOOK_AT_WAITING_S = 0.01
 #: Longer in the queue than that, and the wall clock has jumped or the middleware gives no time.
 _LONGEST_QUEUED_S = 60.0
-_NO_INFO = (
-    "no CameraInfo was received for this frame: publish it on camera_info with the frame's stamp "
-    "or an earlier one, or set use_camera_info to false"
-)
+#: A timer that is set again at once has to have some period.
+_SHORTEST_S = 1e-3
 
 
 @dataclass(frozen=True)
-class Frame:
+class IncomingFrame:
     """A frame that has come: its message, when it was received and when it was taken.
 
     Both times are seconds of `time.monotonic`; between them it lay in the queue.
@@ -50,35 +48,53 @@ class Frame:
 
 
 class Intake:
-    """The subscriptions of one node.
+    """The subscriptions of one node. Frames wait, as many as the queue holds, until it is opened.
 
     Args:
         node: who listens.
-        configuration: returns the one that holds now.
+        setup: returns the one that holds now.
         identify: called with each frame and its camera.
         reject: called with a frame that has no camera, or None for a camera that cannot be used,
             the kind of trouble and a sentence.
     """
 
     def __init__(
-        self, node: Node, configuration: Callable[[], Configuration],
-        identify: Callable[[Frame, Camera], None],
-        reject: Callable[[Frame | None, str, str], None],
+        self, node: Node, setup: Callable[[], SolverSetup],
+        identify: Callable[[IncomingFrame, Camera], None],
+        reject: Callable[[IncomingFrame | None, str, str], None],
     ) -> None:
-        self._configuration, self._identify, self._reject = configuration, identify, reject
+        self._node, self._setup = node, setup
+        self._identify, self._reject = identify, reject
         self._feed = CameraFeed()
-        self._waiting: deque[Frame] = deque()
+        self._refused = ""
+        self._waiting: deque[IncomingFrame] = deque()
         self._drops = DropCounter()
         self._n_overtaken = 0
-        values = configuration().values
-        self._depth, self._use_info = values["queue_depth"], values["use_camera_info"]
+        self._open = False
+        p = setup().parameters
+        self._depth, self._use_info = p.queue_depth, p.use_camera_info
+        # Steady, as the ROS time may stand still; it runs only while a frame waits.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(_SHORTEST_S, self._on_timer, clock=steady)
+        self._timer.cancel()
         if self._use_info:
-            subscribe(node, CameraInfo, "camera_info", self._depth, self._on_camera_info)
-            node.create_timer(_LOOK_AT_WAITING_S, self._serve_waiting)
+            subscribe_latched(
+                node, CameraInfo, "camera_info", self._depth, self._on_camera_info
+            )
         subscribe(
             node, PointCloud2, "centroids", self._depth, self._on_centroids,
             on_publishers=self._drops.on_publishers,
         )
+
+    def open(self) -> None:
+        """Let frames through, those that wait first."""
+        self._open = True
+        self._serve_waiting()
+
+    @property
+    def n_waiting(self) -> int:
+        """Frames that wait."""
+        return len(self._waiting)
 
     @property
     def n_dropped(self) -> int:
@@ -87,9 +103,10 @@ class Intake:
 
     def _on_camera_info(self, message: CameraInfo, _: Mapping[str, Any]) -> None:
         try:
-            camera = camera_from_info(message, self._configuration().values["parity"])
+            camera = camera_from_info(message, self._setup().parameters.parity)
         except MessageError as error:
-            self._reject(None, "camera_info", str(error))
+            self._refused = str(error)
+            self._reject(None, "camera_info", self._refused)
             return
         self._feed.announce(nanoseconds_from_header(message.header), camera)
         self._serve_waiting()
@@ -98,28 +115,78 @@ class Intake:
         self._drops.on_message(info.get("publication_sequence_number"))
         queued_s = (time.time_ns() - (info.get("received_timestamp") or 0)) / 1e9
         queued_s = queued_s if 0.0 <= queued_s <= _LONGEST_QUEUED_S else 0.0
-        frame = Frame(message, time.monotonic() - queued_s)
-        if not self._use_info:
-            self._identify(frame, self._configuration().camera)
-            return
-        self._waiting.append(frame)
+        self._waiting.append(IncomingFrame(message, time.monotonic() - queued_s))
         if len(self._waiting) > self._depth:
             self._waiting.popleft()
             self._n_overtaken += 1
         self._serve_waiting()
 
+    def _on_timer(self) -> None:
+        self._timer.cancel()
+        self._serve_waiting()
+
     def _serve_waiting(self) -> None:
         """Identify the frames whose camera is known, in order; give up on waiting in time."""
-        patience_s = self._configuration().values["camera_info_wait_ms"] / 1e3
-        while self._waiting:
+        while self._open and self._waiting:
             frame = self._waiting[0]
-            camera = self._feed.settled(frame.stamp_ns)
+            camera = self._settled(frame)
             if camera is None:
-                if time.monotonic() - frame.taken_s < patience_s:
+                patience_s = self._setup().parameters.camera_info_wait_ms / 1e3
+                left_s = frame.taken_s + patience_s - time.monotonic()
+                if left_s > 0:
+                    self._look_again_in(left_s)
                     return
-                camera = self._feed.best(frame.stamp_ns)
+                camera = self._best(frame)
             self._waiting.popleft()
+            self._feed.answered(frame.stamp_ns)
             if camera is None:
-                self._reject(frame, "camera_info_missing", _NO_INFO)
+                self._reject(frame, "camera_info_missing", self._why_no_camera(frame))
             else:
                 self._identify(frame, camera)
+
+    def _look_again_in(self, seconds: float) -> None:
+        self._timer.timer_period_ns = int(1e9 * max(seconds, _SHORTEST_S))
+        self._timer.reset()
+
+    def _settled(self, frame: IncomingFrame) -> Camera | None:
+        """Return a frame's camera if there is nothing to wait for."""
+        if not self._use_info:
+            return self._setup().camera
+        return self._feed.settled(frame.stamp_ns)
+
+    def _best(self, frame: IncomingFrame) -> Camera | None:
+        """Return the camera that a frame gets after its wait."""
+        timeless = self._feed.timeless
+        camera = self._feed.best(frame.stamp_ns)
+        if self._feed.timeless and not timeless:
+            self._node.get_logger().warning(
+                f"the only camera announced on {self._topic} is younger than the frame"
+                f"{_zero(frame)}: it is taken for frames of any stamp"
+            )
+        return camera
+
+    def _why_no_camera(self, frame: IncomingFrame) -> str:
+        """Say why a frame has no camera, and what to do."""
+        topic, feed = self._topic, self._feed
+        if feed.n_announced:
+            return (
+                f"all CameraInfo of {topic} are younger than this frame{_zero(frame)}, and not of "
+                "one camera: publish each with its frame's stamp or an earlier one"
+            )
+        if self._refused:
+            return f"no CameraInfo of {topic} can be used, the last one: {self._refused}"
+        n = self._node.count_publishers(topic)
+        heard = "nothing is published there" if n == 0 else "its publisher has sent none yet"
+        return (
+            f"no CameraInfo was received on {topic}, {heard}: publish the camera there, or set "
+            "use_camera_info to false"
+        )
+
+    @property
+    def _topic(self) -> str:
+        return self._node.resolve_topic_name("camera_info")
+
+
+def _zero(frame: IncomingFrame) -> str:
+    """Say that a frame's stamp is zero, where it is."""
+    return ", whose stamp is 0" if frame.stamp_ns == 0 else ""

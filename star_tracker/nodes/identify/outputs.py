@@ -1,5 +1,7 @@
 """What identify_node publishes of each frame."""
 
+from functools import partial
+
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
 from rclpy.node import Node
@@ -14,6 +16,7 @@ from msg_adapters.point_cloud import cloud_from_identification
 from msg_adapters.solution import diagnostics_from_solution
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import Floats
+from star_tracker.nodes.listening import PUBLISHED
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution
 
@@ -32,7 +35,7 @@ class Outputs:
     def __init__(self, node: Node, reference_frame: str, camera_frame: str) -> None:
         self._name = node.get_name()
         self._reference_frame, self._camera_frame = reference_frame, camera_frame
-        make = node.create_publisher
+        make = partial(node.create_publisher, qos_overriding_options=PUBLISHED)
         self._attitude = make(QuaternionStamped, "attitude", _QUEUE_DEPTH)
         self._imu = make(Imu, "imu", _QUEUE_DEPTH)
         self._boresight = make(Vector3Stamped, "boresight_deg", _QUEUE_DEPTH)

@@ -1,45 +1,52 @@
-"""Parameters that change while identify_node runs: checked as a whole, applied between frames."""
+"""The setup of identify_node: built in a thread, and changed as a whole between two frames."""
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.nodes.identify.configuration import Configuration
+from star_tracker.commands.compile import exercise_solver
+from star_tracker.nodes.declaring import ParameterError
+from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS
 
 _TABLE = {parameter.name: parameter for parameter in IDENTIFY_PARAMETERS}
 
 
 class RuntimeParameters:
-    """Takes a node from one configuration to the next, all changes of a call or none of them.
+    """Takes a node from one setup to the next, the first included: all of a change or nothing.
 
     All but the building happens in the node's executor, so that no frame sees half of a change. A
-    change that needs another database waits for it, and later changes with it; the old
-    configuration serves meanwhile. Where the database cannot be built, the parameters go back.
+    setup that needs another database waits for it, and later changes with it; the one before
+    serves meanwhile. Where a database cannot be built, the parameters go back to what they were;
+    where that is the first one, ParameterError comes out of spin.
 
     Args:
         node: whose parameters have been declared.
-        active: the configuration that it works with now.
-        database: the same.
-        apply: called with a configuration and its database; raises ValueError for a misfit.
+        first: the setup to begin with.
+        apply: called with a setup and its database; raises ValueError for a misfit.
     """
 
     def __init__(
-        self, node: Node, active: Configuration, database: FeatureDatabase,
-        apply: Callable[[Configuration, FeatureDatabase], None],
+        self, node: Node, first: SolverSetup, apply: Callable[[SolverSetup, FeatureDatabase], None]
     ) -> None:
         self._node, self._apply = node, apply
-        self._active = self._wanted = active
-        self._database = database
+        self._active: SolverSetup | None = None
+        self._database: FeatureDatabase | None = None
+        self._wanted = self._building = first
         self._thread: threading.Thread | None = None
         self._built: FeatureDatabase | Exception | None = None
         self._ready = node.create_guard_condition(self._on_built)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._take_over)
+
+    def start(self) -> None:
+        """Begin to build the first database, when all else of the node stands."""
+        self._go()
 
     @property
     def building(self) -> bool:
@@ -51,48 +58,55 @@ class RuntimeParameters:
         if self._thread is not None:
             self._thread.join()
 
-    def _with(self, parameters: Sequence[RosParameter]) -> Configuration:
-        """Return the wanted configuration with changes. Raises ValueError for what cannot be."""
+    def _with(self, parameters: Sequence[RosParameter]) -> SolverSetup:
+        """Return the wanted setup with changes. Raises ValueError for what cannot be."""
         changes = {
             p.name: _TABLE[p.name].checked(p.value) for p in parameters if p.name in _TABLE
         }
-        return Configuration.of({**self._wanted.values, **changes})
+        return SolverSetup.of(replace(self._wanted.parameters, **changes))
 
     def _check(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
+        """Refuse what cannot be carried out, as far as a second tells."""
         try:
-            configuration = self._with(parameters)
-            if configuration.database_key == self._active.database_key:
-                configuration.tracker(self._database)
+            setup = self._with(parameters)
+            if self._active is not None and setup.database_key == self._active.database_key:
+                setup.tracker(self._database)
+            elif setup != self._wanted:
+                setup.check()
         except ValueError as error:
             return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
         return SetParametersResult(successful=True)
 
     def _take_over(self, parameters: Sequence[RosParameter]) -> None:
-        configuration = self._with(parameters)
-        if configuration == self._wanted:
-            return
-        self._wanted = configuration
-        self._go()
+        setup = self._with(parameters)
+        if setup != self._wanted:
+            self._wanted = setup
+            self._go()
 
     def _go(self) -> None:
         """Apply what is wanted, or build what it needs first."""
         if self._thread is not None:
             return  # looked at again when that is done
-        if self._wanted.database_key == self._active.database_key:
-            self._swap(self._database)
-            return
-        self._node.get_logger().info("building another database, the old one serves meanwhile")
-        self._thread = threading.Thread(target=self._build, args=(self._wanted,), daemon=True)
+        if self._active is not None:
+            if self._wanted.database_key == self._active.database_key:
+                self._swap(self._database)
+                return
+            self._node.get_logger().info(
+                "building another database, the old one serves meanwhile"
+            )
         self._building = self._wanted
+        self._thread = threading.Thread(target=self._build, args=(self._wanted,), daemon=True)
         self._thread.start()
 
-    def _build(self, configuration: Configuration) -> None:
-        """Build in a thread of its own; a tracker too, which builds the fallback's features."""
+    def _build(self, setup: SolverSetup) -> None:
+        """Build in a thread of its own; a tracker too, which compiles and builds patterns."""
         try:
-            database = configuration.build_database()
-            configuration.tracker(database)
+            if self._active is None:
+                exercise_solver()
+            database = setup.build_database()
+            setup.tracker(database)
             self._built = database
-        except Exception as error:  # whatever it is, the node goes on as it was
+        except Exception as error:  # whatever it is, it is told in the executor
             self._built = error
         self._ready.trigger()
 
@@ -119,10 +133,14 @@ class RuntimeParameters:
 
     def _go_back(self, error: Exception) -> None:
         """Say why a change was not possible, and undo it."""
+        if self._active is None:
+            if isinstance(error, ValueError):
+                raise ParameterError(str(error)) from error
+            raise error
         text = " ".join(str(error).split())
         self._node.get_logger().error(f"the parameters stay as they were: {text}")
-        wanted, self._wanted = self._wanted.values, self._active
+        wanted, self._wanted = asdict(self._wanted.parameters), self._active
         self._node.set_parameters_atomically([
             RosParameter(name, value=list(value) if isinstance(value, tuple) else value)
-            for name, value in self._active.values.items() if value != wanted[name]
+            for name, value in asdict(self._active.parameters).items() if value != wanted[name]
         ])

@@ -19,8 +19,8 @@ from msg_adapters.imu import orientation_from_imu
 from msg_adapters.point_cloud import stars_from_cloud
 from msg_adapters.solution import name_from_diagnostics, values_from_diagnostics
 from msg_adapters.stamp import nanoseconds_from_header
+from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.listening import subscribe
-from star_tracker.nodes.parameters import ParameterError
 from star_tracker.nodes.running import run
 from star_tracker.nodes.watch.outputs import Output
 from star_tracker.nodes.watch.state import Frame, Report, Watched, attitude_from_orientation

@@ -108,8 +108,8 @@ class Watched:
     def on_report(self, status_name: str, report: Report) -> None:
         """Keep a status if it is this node's: all nodes share /diagnostics."""
         full_name, separator, kind = status_name.partition(": ")
-        namespace, _, name = full_name.rpartition("/")
-        if not separator or (namespace or "/") != self.namespace or self.name not in ("", name):
+        namespace, _, name = full_name.strip("/").rpartition("/")
+        if not separator or f"/{namespace}" != self.namespace or self.name not in ("", name):
             return
         self.name = name
         self.reports[kind] = report

@@ -1,4 +1,4 @@
-"""How identify_node watches the focal length: its status, the service, and what it applies."""
+"""How identify_node follows the focal length: its status, the service, and what it applies."""
 
 import time
 
@@ -19,7 +19,7 @@ _FRAME_S = 0.1
 _CAMERAS = 16
 
 
-class FocalLengthWatch:
+class FocalLengthFollower:
     """The estimates of one node, one for each camera that it meets.
 
     Args:
@@ -28,7 +28,7 @@ class FocalLengthWatch:
     """
 
     def __init__(self, node: Node, mode: str) -> None:
-        self._node, self._mode = node, mode
+        self._mode = mode
         self._estimators: dict[Camera, FocalLengthEstimator] = {}
         self._last: FocalLengthEstimator | None = None
         self._last_frame_s = -_FRAME_S
@@ -60,11 +60,10 @@ class FocalLengthWatch:
             stars.vectors[found.catalog_index[which]],
         )
 
-    def status(self) -> DiagnosticStatus | None:
+    def status(self, name: str) -> DiagnosticStatus | None:
         """Return the estimate of the camera of the last frame, None where there is none."""
         if self._last is None:
             return None
-        name = self._node.get_fully_qualified_name()
         return status_from_focal_length(self._last.estimate, name)
 
     def _on_calibrate(
@@ -73,7 +72,9 @@ class FocalLengthWatch:
         """Answer with the estimate of the camera of the last frame."""
         if self._mode == "off":
             response.success = False
-            response.message = "calibrate_focal_length is off: set it to report or apply"
+            response.message = (
+                "calibrate_focal_length is off: restart the node with it set to report or apply"
+            )
         elif self._last is None:
             response.success, response.message = False, "no frame has come yet"
         else:

@@ -1,0 +1,102 @@
+"""`star_tracker compile`: compile the solver ahead, so that no node does at its start.
+
+For a Dockerfile, a flight image or systemd's ExecStartPre. The code is kept below NUMBA_CACHE_DIR,
+or else in the user's cache folder; a folder that has been filled serves from a read-only medium.
+"""
+
+import argparse
+import json
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.commands.options import add_json_argument
+from star_tracker.compiled import CacheState, cache_state, mark_warm
+from star_tracker.identification.searcher import METHODS
+from star_tracker.maps.star_map import paper_maps
+from star_tracker.solution import SolveSettings
+from star_tracker.tracker import StarTracker
+
+#: Between two lines of progress, s.
+_PERIOD_S = 10.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's options."""
+    add_json_argument(parser)
+
+
+def execute(options: argparse.Namespace) -> None:
+    """Compile. Raises ValueError where the code cannot be kept."""
+    before = cache_state()
+    if not before.writable and not before.warm:
+        where = before.folder or "a home folder, which this user has not"
+        raise ValueError(
+            f"compiled code cannot be kept in {where}: set NUMBA_CACHE_DIR to a folder that can "
+            "be written"
+        )
+    seconds = compile_solver(before)
+    if options.json:
+        record = {
+            "folder": str(before.folder), "was_compiled": before.warm, "seconds": round(seconds, 1)
+        }
+        print(json.dumps(record, indent=2))
+    elif before.warm:
+        print(f"the solver is compiled, in {before.folder}")
+    else:
+        print(f"the solver was compiled in {seconds:.0f} s, and is kept in {before.folder}")
+
+
+def compile_solver(before: CacheState) -> float:
+    """Compile all that a node runs, or load it from the cache; return how long it took, s.
+
+    Args:
+        before: the cache as it is. Where it is not warm, standard error tells of the progress.
+    """
+    started = time.monotonic()
+    with _telling(started, quiet=before.warm):
+        exercise_solver()
+        mark_warm()
+    return time.monotonic() - started
+
+
+def exercise_solver() -> None:
+    """Run all compiled code of the solver once, in 0.1 s where it comes from the cache.
+
+    What is not run here would be compiled, or loaded, while a frame waits.
+    """
+    (star_map,) = paper_maps((1,))
+    database, camera = FeatureDatabase.cached(StarCatalog.paper()), star_map.camera
+    tracker = StarTracker(database, camera)
+    found = tracker.solve(star_map.xy_px)
+    tracker.solve(star_map.xy_px, predicted=found)
+    for method in METHODS:
+        StarTracker(database, camera, SolveSettings(method=method)).solve(star_map.xy_px)
+    camera.pixels(camera.vectors(star_map.xy_px))
+
+
+@contextmanager
+def _telling(started: float, quiet: bool) -> Iterator[None]:
+    """Print how long the work has taken so far, at once and every ten seconds."""
+    ended = threading.Event()
+
+    def tell() -> None:
+        while True:
+            seconds = time.monotonic() - started
+            print(f"compiling the solver, {seconds:.0f} s", file=sys.stderr, flush=True)
+            if ended.wait(_PERIOD_S):
+                return
+
+    teller = threading.Thread(target=tell, daemon=True)
+    if not quiet:
+        teller.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        if not quiet:
+            teller.join()
