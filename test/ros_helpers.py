@@ -28,6 +28,11 @@ from waiting import longest_s
 from msg_adapters.point_cloud import Centroids, cloud_from_centroids, stars_from_cloud
 from msg_adapters.solution import values_from_diagnostics
 
+#: What most tests tell identify_node: the paper's stars and a camera that needs no learning.
+PAPER_CAMERA = {
+    "fov_deg": 12.0, "fov_tolerance_percent": 0.0, "width_px": 512, "height_px": 512,
+    "parity": "normal", "catalog": "paper", "camera_info_tolerance_percent": 0.0,
+}
 #: Deep enough for every burst of the tests.
 DEPTH = 200
 _numbers = itertools.count(1)
@@ -109,8 +114,14 @@ class Bench:
         self.context.try_shutdown()
 
     def start(self, make, parameters=None, **options):
-        """Make the node under test with parameters given by name."""
-        overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
+        """Make the node under test with parameters given by name.
+
+        identify_node is told the paper's camera of 12 deg, exactly, unless they say otherwise.
+        """
+        told = PAPER_CAMERA if make.__name__ == "IdentifyNode" else {}
+        overrides = [
+            Parameter(name, value=value) for name, value in {**told, **(parameters or {})}.items()
+        ]
         self.node = self._add(make(
             context=self.context, namespace=self.namespace, parameter_overrides=overrides,
             **options,

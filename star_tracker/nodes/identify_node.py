@@ -4,6 +4,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,6 +16,7 @@ from std_srvs.srv import Trigger
 from msg_adapters import MessageError
 from msg_adapters.health import status_from_health
 from msg_adapters.point_cloud import centroids_from_cloud
+from star_tracker.calibration.camera_file import write_camera
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.identification.labels import Identification
 from star_tracker.nodes.declaring import (
@@ -77,6 +79,7 @@ class IdentifyNode(Node):
             self._intake = Intake(self, lambda: self._setup, self._identify, self._reject)
         DiagnosticsPublisher(self, self._statuses)
         self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/save_camera", self._on_save_camera)
 
     @property
     def rejected(self) -> Counter[str]:
@@ -89,9 +92,11 @@ class IdentifyNode(Node):
         return self._solver is not None
 
     def destroy_node(self) -> None:
-        """End the node, and before it a database that is being built."""
+        """End the node, and before it a database that is being built; keep what was learnt."""
         if self._runtime is not None:
             self._runtime.finish()
+            if self._setup.parameters.camera_file and self.ready:
+                self._save_camera()
         super().destroy_node()
 
     def set_parameters_atomically(self, parameter_list: list[Any]) -> SetParametersResult:
@@ -128,7 +133,26 @@ class IdentifyNode(Node):
         response.success, response.message = True, "the next frame is searched lost in space"
         return response
 
-    def _identify(self, frame: IncomingFrame, camera: Camera) -> None:
+    def _on_save_camera(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = self._save_camera()
+        return response
+
+    def _save_camera(self) -> tuple[bool, str]:
+        """Write the camera as it is believed now; return whether that went, and a sentence."""
+        camera = None if self._solver is None else self._solver.camera
+        named = self._setup.parameters.camera_file
+        if not named:
+            return False, "camera_file is empty: restart the node with it set to a path"
+        if camera is None:
+            return False, "no camera was found yet: show the node some stars"
+        path = Path(named).expanduser()
+        try:
+            write_camera(camera, path, name=self.get_name())
+        except OSError as error:
+            return False, f"{path} cannot be written: {error.strerror or error}"
+        return True, f"camera of {camera.fov_deg:.4g} deg written to {path}"
+
+    def _identify(self, frame: IncomingFrame, camera: Camera | None) -> None:
         try:
             self._solve(frame, camera)
         except MessageError as error:
@@ -138,16 +162,17 @@ class IdentifyNode(Node):
                 raise ExternalShutdownException from error
             self._reject(frame, "internal_error", f"{type(error).__name__}: {error}")
 
-    def _solve(self, frame: IncomingFrame, camera: Camera) -> None:
+    def _solve(self, frame: IncomingFrame, camera: Camera | None) -> None:
         """Take one frame the whole way. Raises MessageError where it cannot be read."""
         solver, header, p = self._solver, frame.header, self._setup.parameters
         centroids = centroids_from_cloud(frame.message)
         answer = solver.solve(centroids, camera, frame.stamp_ns, frame.received_s)
         self._journal.read(answer)
         self._outputs.publish(answer.solution, header, answer.hint)
-        self._outputs.publish_stars(answer.solution, centroids.xy_px, solver.catalog, header)
-        if p.publish_markers:
-            self._outputs.publish_markers(answer.solution, answer.camera, solver.catalog, header)
+        catalog = answer.solution.catalog or solver.catalog
+        self._outputs.publish_stars(answer.solution, centroids.xy_px, catalog, header)
+        if p.publish_markers and answer.camera is not None:
+            self._outputs.publish_markers(answer.solution, answer.camera, catalog, header)
         self._journal.answered(frame, answer, p.log_frames)
 
     def _reject(self, frame: IncomingFrame | None, kind: str, reason: str) -> None:
@@ -164,6 +189,7 @@ class IdentifyNode(Node):
         """Yield what /diagnostics carries."""
         health = self._journal.health
         health.n_dropped = self._intake.n_dropped
+        camera = None if self._solver is None else self._solver.camera
         level, message, values = health.report(self._journal.rejected, time.monotonic())
         if self._starting is not None:
             level, message = "warn", self._starting.sentence
@@ -171,6 +197,7 @@ class IdentifyNode(Node):
             "catalog": self._solver.catalog.description if self._solver else None,
             "configuration": self._setup.digest,
             "version": package_version(),
+            "fov_deg": None if camera is None else f"{camera.fov_deg:.6g}",
         }
         # Without the first slash, of which the diagnostics' aggregator would make a blank.
         name = self.get_fully_qualified_name().lstrip("/")

@@ -9,19 +9,17 @@ from star_tracker.attitude.prediction import PREDICTION_MODES
 from star_tracker.calibration.focal_length import MODES as FOCAL_LENGTH_MODES
 from star_tracker.catalogue.catalog import (
     CATALOGS,
-    DEFAULT_LIMITING_MAGNITUDE,
-    DEFAULT_MIN_SEPARATION_DEG,
     EPOCH_RANGE,
-    LIMITING_MAGNITUDE_RANGE,
+    GAIA_MAGNITUDE_RANGE,
     MIN_SEPARATION_RANGE_DEG,
     REFERENCE_EPOCH,
 )
-from star_tracker.catalogue.database import DEFAULT_MAX_SEPARATION_DEG, MAX_SEPARATION_RANGE_DEG
+from star_tracker.catalogue.database import MAX_SEPARATION_RANGE_DEG
 from star_tracker.identification.cells import PAIR_TOLERANCE_RANGE_PX
 from star_tracker.identification.ended import MIN_STARS
 from star_tracker.identification.searcher import METHODS
 from star_tracker.nodes.declaring import ParameterError, parameter, parameters_of
-from star_tracker.optics.camera import FOV_RANGE_DEG, PARITIES
+from star_tracker.optics.camera import FOV_RANGE_DEG, MOST_TOLERANCE_PERCENT, PARITIES
 from star_tracker.solution import (
     CENTROID_SIGMA_RANGE_PX,
     DISPLACED_GATE_RANGE_PX,
@@ -30,9 +28,11 @@ from star_tracker.solution import (
 )
 
 _SOLVE = SolveSettings()
-_SIZE_RANGE_PX = (16, 65536)
+_SMALLEST_PX, _LARGEST_PX = 16, 65536
 #: -1 stands for the middle of the image.
 _MIDDLE = -1.0
+#: -1 stands for what suits the camera.
+_AUTOMATIC = -1.0
 _PRINCIPAL_POINT_RANGE_PX = (_MIDDLE, 65536.0)
 
 
@@ -41,10 +41,30 @@ class IdentifyParameters:
     """What identify_node is told. Raises ParameterError for values that do not go together."""
 
     fov_deg: float = parameter(
-        12.0, "field of view across the image's width", "deg", allowed=FOV_RANGE_DEG
+        0.0, "field of view across the image's width; 0 = find it out", "deg",
+        allowed=(0.0, FOV_RANGE_DEG[1]),
     )
-    width_px: int = parameter(512, "image width", "px", allowed=_SIZE_RANGE_PX)
-    height_px: int = parameter(512, "image height", "px", allowed=_SIZE_RANGE_PX)
+    fov_tolerance_percent: float = parameter(
+        5.0, "how far fov_deg may be off; 0 = it is exact, and nothing is learnt", "%",
+        allowed=(0.0, MOST_TOLERANCE_PERCENT),
+    )
+    fov_min_deg: float = parameter(
+        4.0, "least field of view where it is not known", "deg", allowed=FOV_RANGE_DEG
+    )
+    fov_max_deg: float = parameter(
+        70.0, "greatest field of view where it is not known", "deg", allowed=FOV_RANGE_DEG
+    )
+    width_px: int = parameter(
+        0, "image width; to be told here, by camera_info or by camera_file", "px",
+        allowed=(0, _LARGEST_PX),
+    )
+    height_px: int = parameter(
+        0, "image height; to be told like width_px", "px", allowed=(0, _LARGEST_PX)
+    )
+    camera_file: str = parameter(
+        "", "camera calibration (YAML of ROS) that is read at the start and written with what was "
+        "learnt; empty = none", fixed=True,
+    )
     cx_px: float = parameter(
         _MIDDLE, "principal point, x; -1 = half of the width", "px",
         allowed=_PRINCIPAL_POINT_RANGE_PX,
@@ -54,11 +74,15 @@ class IdentifyParameters:
         allowed=_PRINCIPAL_POINT_RANGE_PX,
     )
     parity: str = parameter(
-        "normal", "normal: y down; mirrored: y up or seen in a mirror; auto: find out",
+        "auto", "normal: y down; mirrored: y up or seen in a mirror; auto: find out",
         choices=PARITIES,
     )
     use_camera_info: bool = parameter(
         False, "take camera and size from camera_info, not from parameters", fixed=True
+    )
+    camera_info_tolerance_percent: float = parameter(
+        1.0, "how far the focal length of camera_info may be off, as calibrations age; 0 = exact",
+        "%", allowed=(0.0, MOST_TOLERANCE_PERCENT),
     )
     camera_info_wait_ms: float = parameter(
         100.0, "longest wait of a frame for its camera_info", "ms", allowed=(0.0, 10000.0)
@@ -113,23 +137,25 @@ class IdentifyParameters:
         10, "frames that wait at most; the oldest ones are dropped", allowed=(1, 1000), fixed=True
     )
     catalog: str = parameter(
-        "paper", "paper: the 4908 numbered stars; hipparcos: for real skies", choices=CATALOGS
+        "hipparcos",
+        "hipparcos: for real skies; paper: the 4908 numbered stars; gaia: for 1.5 to 6 deg",
+        choices=CATALOGS,
     )
     limiting_magnitude: float = parameter(
-        DEFAULT_LIMITING_MAGNITUDE, "faintest guide stars of catalog hipparcos", "V mag",
-        allowed=LIMITING_MAGNITUDE_RANGE,
+        0.0, "faintest guide stars of catalog hipparcos or gaia; 0 = as suits the camera", "mag",
+        allowed=(0.0, GAIA_MAGNITUDE_RANGE[1]),
     )
     min_separation_deg: float = parameter(
-        DEFAULT_MIN_SEPARATION_DEG, "closer stars of catalog hipparcos are merged into one", "deg",
-        allowed=MIN_SEPARATION_RANGE_DEG,
+        _AUTOMATIC, "closer stars are merged into one, but for catalog paper; -1 = as suits the "
+        "camera", "deg", allowed=(_AUTOMATIC, MIN_SEPARATION_RANGE_DEG[1]),
     )
     epoch: float = parameter(
         REFERENCE_EPOCH, "epoch to which proper motion carries the guide stars", "Julian year",
         allowed=EPOCH_RANGE,
     )
     max_separation_deg: float = parameter(
-        DEFAULT_MAX_SEPARATION_DEG, "largest separation of a guide-star pair", "deg",
-        allowed=MAX_SEPARATION_RANGE_DEG,
+        0.0, "largest separation of a guide-star pair; 0 = as suits the catalogue", "deg",
+        allowed=(0.0, MAX_SEPARATION_RANGE_DEG[1]),
     )
     reference_frame: str = parameter("icrs", "frame_id of the attitude", fixed=True)
     camera_frame: str = parameter(
@@ -143,6 +169,27 @@ class IdentifyParameters:
             value = getattr(self, name)
             if _MIDDLE < value < 0:
                 raise ParameterError(f"parameter {name} is {value:g}: it must be -1 or >= 0 px")
+        if 0 < self.fov_deg < FOV_RANGE_DEG[0]:
+            raise ParameterError(
+                f"parameter fov_deg is {self.fov_deg:g}: it must be 0 (find it out) or from "
+                f"{FOV_RANGE_DEG[0]:g} to {FOV_RANGE_DEG[1]:g} deg"
+            )
+        if self.fov_min_deg > self.fov_max_deg:
+            raise ParameterError(
+                f"parameter fov_min_deg is {self.fov_min_deg:g}, more than fov_max_deg "
+                f"{self.fov_max_deg:g}: give the narrowest and the widest field in question"
+            )
+        for name in ("width_px", "height_px"):
+            value = getattr(self, name)
+            if 0 < value < _SMALLEST_PX:
+                raise ParameterError(
+                    f"parameter {name} is {value}: it must be {_SMALLEST_PX} to {_LARGEST_PX} px"
+                )
+        if not (self.use_camera_info or self.camera_file or (self.width_px and self.height_px)):
+            raise ParameterError(
+                "parameters width_px and height_px are 0: tell the size of the image, or set "
+                "use_camera_info to true"
+            )
 
     @property
     def principal_point_px(self) -> tuple[float | None, float | None]:

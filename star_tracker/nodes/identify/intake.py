@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -53,14 +53,14 @@ class Intake:
     Args:
         node: who listens.
         setup: returns the one that holds now.
-        identify: called with each frame and its camera.
+        identify: called with each frame and its camera, None for one to be found out.
         reject: called with a frame that has no camera, or None for a camera that cannot be used,
             the kind of trouble and a sentence.
     """
 
     def __init__(
         self, node: Node, setup: Callable[[], SolverSetup],
-        identify: Callable[[IncomingFrame, Camera], None],
+        identify: Callable[[IncomingFrame, Camera | None], None],
         reject: Callable[[IncomingFrame | None, str, str], None],
     ) -> None:
         self._node, self._setup = node, setup
@@ -103,7 +103,11 @@ class Intake:
 
     def _on_camera_info(self, message: CameraInfo, _: Mapping[str, Any]) -> None:
         try:
-            camera = camera_from_info(message, self._setup().parameters.parity)
+            p = self._setup().parameters
+            camera = replace(
+                camera_from_info(message, p.parity),
+                tolerance_percent=p.camera_info_tolerance_percent,
+            )
         except MessageError as error:
             self._refused = str(error)
             self._reject(None, "camera_info", self._refused)
@@ -129,7 +133,11 @@ class Intake:
         """Identify the frames whose camera is known, in order; give up on waiting in time."""
         while self._open and self._waiting:
             frame = self._waiting[0]
-            camera = self._settled(frame)
+            if not self._use_info:
+                self._waiting.popleft()
+                self._identify(frame, self._setup().camera)
+                continue
+            camera = self._feed.settled(frame.stamp_ns)
             if camera is None:
                 patience_s = self._setup().parameters.camera_info_wait_ms / 1e3
                 left_s = frame.taken_s + patience_s - time.monotonic()
@@ -147,12 +155,6 @@ class Intake:
     def _look_again_in(self, seconds: float) -> None:
         self._timer.timer_period_ns = int(1e9 * max(seconds, _SHORTEST_S))
         self._timer.reset()
-
-    def _settled(self, frame: IncomingFrame) -> Camera | None:
-        """Return a frame's camera if there is nothing to wait for."""
-        if not self._use_info:
-            return self._setup().camera
-        return self._feed.settled(frame.stamp_ns)
 
     def _best(self, frame: IncomingFrame) -> Camera | None:
         """Return the camera that a frame gets after its wait."""

@@ -45,8 +45,10 @@ class Journal:
             self._node.get_logger().error(text)
 
     def read(self, answer: Answer) -> None:
-        """Count and say what was wrong with a frame that could be read."""
+        """Say what a frame told about the camera; count and say what was wrong with it."""
         solution = answer.solution
+        for sentence in answer.news:
+            self._node.get_logger().info(sentence)
         if solution.status is Status.BAD_INPUT:
             self.refused("bad_centroids", solution.reason)
         elif solution.n_ignored:

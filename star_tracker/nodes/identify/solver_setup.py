@@ -1,14 +1,19 @@
 """What identify_node works with, made of its parameters as a whole."""
 
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from functools import cached_property
 from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
-from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.calibration.camera_file import read_camera
+from star_tracker.calibration.learning import LearningTracker, Sources
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.catalogue.depth import Depth
+from star_tracker.catalogue.ladder import LadderStep, ladder
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.searcher import METHODS
+from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.parameters import IdentifyParameters
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings
@@ -22,17 +27,14 @@ class SolverSetup:
     """The parameters, and what the core makes of them."""
 
     parameters: IdentifyParameters
-    camera: Camera
+    camera: Camera | None
     settings: SolveSettings
 
     @classmethod
     def of(cls, parameters: IdentifyParameters) -> "SolverSetup":
         """Put parameters together. Raises ValueError where they do not fit each other."""
         p = parameters
-        cx_px, cy_px = p.principal_point_px
-        camera = Camera.from_fov(
-            p.fov_deg, p.width_px, p.height_px, parity=p.parity, cx_px=cx_px, cy_px=cy_px
-        )
+        camera = None if p.use_camera_info else _camera(p)
         settings = SolveSettings(
             method=p.method,
             match_group=MatchGroupSettings(pair_tolerance_px=p.pair_tolerance_px),
@@ -47,8 +49,51 @@ class SolverSetup:
     def database_key(self) -> tuple[Any, ...]:
         """Equal for two setups that can share a database."""
         p = self.parameters
-        return (
+        guides = (
             p.catalog, p.limiting_magnitude, p.min_separation_deg, p.epoch, p.max_separation_deg
+        )
+        if p.catalog == "paper":
+            return guides
+        return (*guides, p.fov_deg, p.fov_min_deg, p.fov_max_deg, p.width_px, p.height_px)
+
+    @property
+    def depth(self) -> Depth:
+        """What of the catalogue is searched."""
+        p = self.parameters
+        return Depth(
+            p.limiting_magnitude, None if p.min_separation_deg < 0 else p.min_separation_deg,
+            p.max_separation_deg,
+        )
+
+    @cached_property
+    def steps(self) -> tuple[LadderStep, ...]:
+        """The databases for a field of view that is not known. Raises ValueError."""
+        return self._steps(self.parameters.width_px or 1024, self.parameters.height_px or 1024)
+
+    def _steps(self, width_px: int, height_px: int) -> tuple[LadderStep, ...]:
+        p = self.parameters
+        return ladder(
+            (p.fov_min_deg, p.fov_max_deg), (width_px, height_px), catalog=p.catalog,
+            epoch=p.epoch, depth=self.depth,
+        )
+
+    def sources(self, camera: Camera | None) -> Sources:
+        """Return where a tracker that learns its camera gets its guide stars."""
+        own = camera is None or (camera.width_px, camera.height_px) == (
+            self.parameters.width_px, self.parameters.height_px
+        )
+        return Sources(
+            self.database_for,
+            (lambda: self.steps) if own else (
+                lambda: self._steps(camera.width_px, camera.height_px)
+            ),
+        )
+
+    def database_for(self, camera: Camera) -> FeatureDatabase:
+        """Return the guide stars that suit a camera. Raises ValueError."""
+        p = self.parameters
+        return FeatureDatabase.for_camera(
+            camera, catalog=p.catalog, epoch=p.epoch, depth=self.depth
         )
 
     @cached_property
@@ -62,29 +107,85 @@ class SolverSetup:
     @property
     def camera_source(self) -> str:
         """Where the camera comes from, in words."""
-        p = self.parameters
-        return "camera_info" if p.use_camera_info else f"{p.fov_deg:g} deg over {p.width_px} px"
+        if self.parameters.use_camera_info:
+            return "camera_info"
+        if self.camera is None:
+            p = self.parameters
+            return (
+                f"of any field of view from {p.fov_min_deg:g} to {p.fov_max_deg:g} deg over "
+                f"{p.width_px} px"
+            )
+        return f"{self.camera.fov_deg:g} deg over {self.camera.width_px} px"
 
     def check(self) -> None:
         """Raise ValueError, within a second, for what could not be built in many of them."""
-        catalog = self._catalog()
+        if self.camera is None:
+            return
+        catalog = self.depth.stars_for(
+            self.camera, self.parameters.catalog, self.parameters.epoch
+        )
         FeatureDatabase.check(catalog, max_separation_deg=self.parameters.max_separation_deg)
-        if self.settings.method in ("auto", METHODS[1]):
+        if self.settings.method == METHODS[1]:
             FeatureDatabase.check_patterns(catalog)
 
     def build_database(self) -> FeatureDatabase:
         """Build the guide stars' features. Raises ValueError where there are too many of them."""
-        return FeatureDatabase.cached(
-            self._catalog(), max_separation_deg=self.parameters.max_separation_deg
+        if self.camera is not None:
+            return self.database_for(self.camera)
+        if self.parameters.use_camera_info:
+            return self.database_for(_TYPICAL)
+        databases = [step.database for step in self.steps]
+        return databases[len(databases) // 2]
+
+    def tracker(
+        self, database: FeatureDatabase, camera: Camera | None = None
+    ) -> StarTracker | LearningTracker:
+        """Return a tracker, by default for the camera as told.
+
+        Raises ValueError where database and settings do not fit.
+        """
+        camera = camera or self.camera
+        if camera is not None and camera.tolerance_percent == 0:
+            return StarTracker(database, camera, _usable(self.settings, database))
+        if camera is None and self.parameters.use_camera_info:
+            return StarTracker(database, _TYPICAL, _usable(self.settings, database))
+        return LearningTracker(
+            self.sources(camera), camera, _usable(self.settings, database),
+            parity=self.parameters.parity,
         )
 
-    def tracker(self, database: FeatureDatabase) -> StarTracker:
-        """Return a tracker. Raises ValueError where database and settings do not fit."""
-        return StarTracker(database, self.camera, self.settings)
 
-    def _catalog(self) -> StarCatalog:
-        p = self.parameters
-        return StarCatalog.named(
-            p.catalog, limiting_magnitude=p.limiting_magnitude,
-            min_separation_deg=p.min_separation_deg, epoch=p.epoch,
+#: Stands for the camera until camera_info has told the true one.
+_TYPICAL = Camera.from_fov(20.0, 1024, 1024)
+
+
+def _camera(p: IdentifyParameters) -> Camera | None:
+    """Return the camera as told, None where its field of view is not. Raises ValueError."""
+    file = Path(p.camera_file).expanduser() if p.camera_file else None
+    if file is not None and file.exists():
+        camera = read_camera(file)
+        size = p.width_px or camera.width_px, p.height_px or camera.height_px
+        if (camera.width_px, camera.height_px) != size:
+            raise ValueError(
+                f"camera file {file} is for {camera.width_px} x {camera.height_px} px, width_px "
+                f"and height_px say {size[0]} x {size[1]}: calibrate this size, or correct them"
+            )
+        return camera
+    if not (p.width_px and p.height_px):
+        raise ParameterError(
+            f"there is no camera file {file} yet: tell width_px and height_px until it is written"
         )
+    if p.fov_deg == 0:
+        return None
+    cx_px, cy_px = p.principal_point_px
+    return Camera.from_fov(
+        p.fov_deg, p.width_px, p.height_px, parity=p.parity, cx_px=cx_px, cy_px=cy_px,
+        tolerance_percent=p.fov_tolerance_percent,
+    )
+
+
+def _usable(settings: SolveSettings, database: FeatureDatabase) -> SolveSettings:
+    """Return the settings without a fallback that the catalogue is too dense for."""
+    if settings.method == "auto" and not database.patterns_available:
+        return replace(settings, method=METHODS[0])
+    return settings
