@@ -1,6 +1,6 @@
 """Start identify_node on the ground, where it publishes `imu_enu`.
 
-`ros2 launch star_tracker earth.launch.py latitude_deg:=47.3 longitude_deg:=8.5 params_file:=my.yaml`.
+`ros2 launch star_tracker earth.launch.py latitude_deg:=47.3 longitude_deg:=8.5`.
 With `base_frame:=base_link` it is the robot's. `ekf:=true` starts robot_localization on it, with
 config/ekf.yaml.
 """

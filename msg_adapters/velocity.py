@@ -26,8 +26,8 @@ def velocity_from_vector(
     frame = str(message.header.frame_id)
     if frame not in inertial_frames:
         raise MessageError(
-            f"velocity has frame_id {shown(frame)}: give it in GCRS, about the Earth's centre, with "
-            f"frame_id {' or '.join(sorted(inertial_frames))}"
+            f"velocity has frame_id {shown(frame)}: give it in GCRS, about the Earth's centre, "
+            f"with frame_id {' or '.join(sorted(inertial_frames))}"
         )
     velocity = np.array([message.vector.x, message.vector.y, message.vector.z], float)
     if not np.linalg.norm(velocity) < _FASTEST_M_PER_S:

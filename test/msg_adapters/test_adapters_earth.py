@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 from tf_stand_in import TFMessage
 
 from msg_adapters import MessageError
-from msg_adapters.attitude import array_from_quaternion, quaternion_from_attitude
+from msg_adapters.attitude import quaternion_from_attitude
 from msg_adapters.imu import earth_attitude_from_imu, imu_from_attitude, orientation_from_imu
 from msg_adapters.site import fix_from_site, site_from_fix
 from msg_adapters.transforms import FrameRotation, rotations_from_tf, tf_from_rotation
@@ -77,7 +77,8 @@ def test_imu_of_a_camera_that_looks_up_is_known_least_about_up():
 def test_an_attitude_against_the_earth_is_a_quaternion_like_any_other():
     attitude = EarthAttitude.from_rotation(LOOKING_UP, np.eye(3))
     message = quaternion_from_attitude(attitude, HEADER)
-    np.testing.assert_array_equal(array_from_quaternion(message), attitude.quaternion_xyzw)
+    q = message.quaternion
+    np.testing.assert_array_equal([q.x, q.y, q.z, q.w], attitude.quaternion_xyzw)
 
 
 @pytest.fixture

@@ -29,9 +29,9 @@ from star_tracker.earth.site import (
     Site,
 )
 from star_tracker.geometry.spherical import Floats
-from star_tracker.nodes.identify.described import parameter
+from star_tracker.nodes.declaring import parameter
 from star_tracker.nodes.identify.transforms import Mounting
-from star_tracker.nodes.listening import subscribe
+from star_tracker.nodes.listening import PUBLISHED, subscribe, subscribe_latched
 from star_tracker.solution import Solution
 
 EARTH_FRAMES = ("none", "itrs", "enu")
@@ -144,14 +144,13 @@ class EarthOutput:
         self.n_refused = 0
         self._site: Site | None = None
         self._velocity: tuple[int, Floats] | None = None
-        if parameters.earth_frame == "itrs":
-            self._publisher = node.create_publisher(
-                QuaternionStamped, "attitude_itrs", _QUEUE_DEPTH
-            )
-        else:
-            self._publisher = node.create_publisher(Imu, "imu_enu", _QUEUE_DEPTH)
+        itrs = parameters.earth_frame == "itrs"
+        self._publisher = node.create_publisher(
+            *((QuaternionStamped, "attitude_itrs") if itrs else (Imu, "imu_enu")), _QUEUE_DEPTH,
+            qos_overriding_options=PUBLISHED,
+        )
         if parameters.use_fix:
-            subscribe(node, NavSatFix, "fix", 1, self._on_fix)
+            subscribe_latched(node, NavSatFix, "fix", 1, self._on_fix)
         if parameters.use_velocity:
             subscribe(node, Vector3Stamped, "velocity", 1, self._on_velocity)
 

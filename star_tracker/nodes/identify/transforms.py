@@ -17,7 +17,7 @@ from msg_adapters.transforms import (
 )
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.geometry.spherical import Floats
-from star_tracker.nodes.identify.described import parameter
+from star_tracker.nodes.declaring import parameter
 from star_tracker.nodes.identify.static_frames import StaticFrames
 
 #: tf2's own: the names are absolute, all robots of a graph share them.
