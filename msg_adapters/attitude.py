@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from star_tracker.attitude.attitude import Attitude
+from star_tracker.earth.attitude import EarthAttitude
 from star_tracker.geometry.spherical import Floats
 
 if TYPE_CHECKING:
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def quaternion_from_attitude(
-    attitude: Attitude, header: "std_msgs.msg.Header"
+    attitude: Attitude | EarthAttitude, header: "std_msgs.msg.Header"
 ) -> "geometry_msgs.msg.QuaternionStamped":
     """Write the quaternion that rotates camera-frame vectors into the header's frame."""
     from geometry_msgs.msg import QuaternionStamped

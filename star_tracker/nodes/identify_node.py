@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from msg_adapters import MessageError
@@ -25,6 +26,7 @@ from star_tracker.nodes.declaring import (
     no_such_parameter,
     unknown_parameters,
 )
+from star_tracker.nodes.identify.earth import EarthOutput
 from star_tracker.nodes.identify.focal_length_follower import FocalLengthFollower
 from star_tracker.nodes.identify.frame_solver import Answer, FrameSolver
 from star_tracker.nodes.identify.health import DiagnosticsPublisher
@@ -34,6 +36,7 @@ from star_tracker.nodes.identify.outputs import Outputs
 from star_tracker.nodes.identify.runtime_parameters import RuntimeParameters
 from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.identify.starting import Starting
+from star_tracker.nodes.identify.transforms import Mounting, TransformOutput
 from star_tracker.nodes.listening import overrides_checked
 from star_tracker.nodes.parameters import IdentifyParameters
 from star_tracker.nodes.running import run
@@ -69,7 +72,7 @@ class IdentifyNode(Node):
         self._runtime.start()
 
     def _make_topics(self, p: IdentifyParameters) -> None:
-        """Make all that stands in the graph. Raises ParameterError."""
+        """Make all that stands in the graph. Raises ValueError."""
         self._solver: FrameSolver | None = None
         self._starting: Starting | None = Starting(self)
         self._journal = Journal(self)
@@ -77,6 +80,14 @@ class IdentifyNode(Node):
         with overrides_checked():
             self._outputs = Outputs(self, p.reference_frame, p.camera_frame)
             self._intake = Intake(self, lambda: self._setup, self._identify, self._reject)
+            mounting = Mounting(self, p.base_frame)
+            self._transform = (
+                TransformOutput(self, p.reference_frame, mounting) if p.publish_tf else None
+            )
+            self._earth = (
+                EarthOutput(self, p, p.reference_frame, mounting)
+                if p.earth_frame != "none" else None
+            )
         DiagnosticsPublisher(self, self._statuses)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save_camera", self._on_save_camera)
@@ -170,10 +181,22 @@ class IdentifyNode(Node):
         self._journal.read(answer)
         self._outputs.publish(answer.solution, header, answer.hint)
         catalog = answer.solution.catalog or solver.catalog
+        self._publish_to_robot(answer.solution, self._outputs.in_the_image(header), p)
         self._outputs.publish_stars(answer.solution, centroids.xy_px, catalog, header)
         if p.publish_markers and answer.camera is not None:
             self._outputs.publish_markers(answer.solution, answer.camera, catalog, header)
         self._journal.answered(frame, answer, p.log_frames)
+
+    def _publish_to_robot(
+        self, solution: Solution, camera_header: Header, p: IdentifyParameters
+    ) -> None:
+        """Publish a solved frame as a transform and against the Earth, where that is wanted."""
+        if solution.attitude is None:
+            return
+        if self._transform is not None:
+            self._transform.publish(solution.attitude, camera_header)
+        if self._earth is not None:
+            self._earth.publish(solution, camera_header, p)
 
     def _reject(self, frame: IncomingFrame | None, kind: str, reason: str) -> None:
         """Count what cannot be used and say why, in the log and for a frame to the subscribers."""
@@ -199,6 +222,8 @@ class IdentifyNode(Node):
             "version": package_version(),
             "fov_deg": None if camera is None else f"{camera.fov_deg:.6g}",
         }
+        if self._earth is not None:
+            values["without_earth_attitude"] = self._earth.n_refused
         # Without the first slash, of which the diagnostics' aggregator would make a blank.
         name = self.get_fully_qualified_name().lstrip("/")
         hardware = self._setup.parameters.camera_frame or self._journal.frame_id

@@ -19,6 +19,8 @@ from star_tracker.identification.cells import PAIR_TOLERANCE_RANGE_PX
 from star_tracker.identification.ended import MIN_STARS
 from star_tracker.identification.searcher import METHODS
 from star_tracker.nodes.declaring import ParameterError, parameter, parameters_of
+from star_tracker.nodes.identify.earth import EarthParameters
+from star_tracker.nodes.identify.transforms import TransformParameters
 from star_tracker.optics.camera import FOV_RANGE_DEG, MOST_TOLERANCE_PERCENT, PARITIES
 from star_tracker.solution import (
     CENTROID_SIGMA_RANGE_PX,
@@ -37,8 +39,8 @@ _PRINCIPAL_POINT_RANGE_PX = (_MIDDLE, 65536.0)
 
 
 @dataclass(frozen=True)
-class IdentifyParameters:
-    """What identify_node is told. Raises ParameterError for values that do not go together."""
+class _SolverParameters:
+    """What identify_node is told of camera, stars and search."""
 
     fov_deg: float = parameter(
         0.0, "field of view across the image's width; 0 = find it out", "deg",
@@ -195,6 +197,15 @@ class IdentifyParameters:
     def principal_point_px(self) -> tuple[float | None, float | None]:
         """The principal point; None for the middle of the image."""
         return tuple(None if value < 0 else value for value in (self.cx_px, self.cy_px))
+
+
+@dataclass(frozen=True)
+class IdentifyParameters(EarthParameters, TransformParameters, _SolverParameters):
+    """What identify_node is told. Raises ValueError for values that do not go together."""
+
+    def __post_init__(self) -> None:
+        _SolverParameters.__post_init__(self)
+        EarthParameters.__post_init__(self)
 
 
 @dataclass(frozen=True)

@@ -37,12 +37,14 @@ MAY = {
     "offline": CORE | {"maps", "detection", "calibration"},
     "study": CORE | {"maps", "detection", "calibration", "figures", "offline"},
     "commands": CORE | {"maps", "detection", "calibration", "figures", "offline", "study"},
-    "nodes": CORE | {"maps", "detection", "calibration", "figures", "study", "commands"},
+    "earth": STAGES | {"solution"},
+    "nodes": CORE | {"earth", "maps", "detection", "calibration", "figures", "study", "commands"},
 }
 #: Libraries of a folder besides the standard library, numpy and scipy.
 LIBRARIES = {
     "compiled": {"numba", "llvmlite"},
     "calibration": {"yaml"},
+    "earth": {"erfa"},
     "figures": {"matplotlib", "contourpy"},
     "offline": {"PIL", "astropy", "rawpy", "rosbags"},
     "study": {"yaml", "joblib", "distributed", "jinja2", "matplotlib", "PIL", "numba"},

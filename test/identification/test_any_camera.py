@@ -123,6 +123,7 @@ def test_false_and_missing_stars_are_borne(any_tracker, steps):
     assert sum(solved) >= 4
 
 
+@pytest.mark.slow
 def test_noise_is_never_solved(any_tracker):
     """200 frames; a threshold of 10^-3 false alarms allows for 0.2 over all scales and skies.
 

@@ -162,6 +162,7 @@ def test_a_whole_sky_seen_in_a_mirror_is_refused_and_the_reason_says_so(database
     assert_unsolved(solution, Status.AMBIGUOUS, n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "missing"), [("12 deg", 0.6), ("20 deg", 0.85)])
 def test_a_sky_of_few_stars_seen_in_a_mirror_is_refused(database, name, missing):
     """60 frames of 0.5 px noise and 4 to 15 stars; where the mirror is seen through, it is said.

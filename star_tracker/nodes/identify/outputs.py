@@ -55,7 +55,7 @@ class Outputs:
             reference = self._in_the_sky(header)
             self._attitude.publish(quaternion_from_attitude(solution.attitude, reference))
             self._boresight.publish(boresight_from_attitude(solution.attitude, reference))
-            self._imu.publish(imu_from_attitude(solution.attitude, self._in_the_image(header)))
+            self._imu.publish(imu_from_attitude(solution.attitude, self.in_the_image(header)))
         self._solution.publish(diagnostics_from_solution(solution, self._name, header, hint))
 
     def publish_stars(
@@ -63,7 +63,7 @@ class Outputs:
     ) -> None:
         """Publish the labels of a frame's centroids (n, 2)."""
         self._stars.publish(cloud_from_identification(
-            solution.identification, xy_px, catalog, self._in_the_image(header)
+            solution.identification, xy_px, catalog, self.in_the_image(header)
         ))
 
     def publish_markers(
@@ -77,5 +77,6 @@ class Outputs:
     def _in_the_sky(self, header: Header) -> Header:
         return Header(stamp=header.stamp, frame_id=self._reference_frame)
 
-    def _in_the_image(self, header: Header) -> Header:
+    def in_the_image(self, header: Header) -> Header:
+        """Return the header of a frame with the frame_id of its camera."""
         return Header(stamp=header.stamp, frame_id=self._camera_frame or header.frame_id)

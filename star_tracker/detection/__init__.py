@@ -1,0 +1,1 @@
+"""Images: found stars become centroids, and a catalogue becomes an image."""

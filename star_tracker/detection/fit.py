@@ -1,0 +1,207 @@
+"""A star's place by least squares: the image of a star is fitted to the pixels around it.
+
+Unknown are the place, the width (held near the image's own by a prior), the background and the
+flux (one for each colour of a Bayer pattern). Pixels count by their variance, sigma^2 + shot x
+star: the background's noise and the star's own. Saturated and unusable pixels do not count at
+all. For a star that looks as supposed, the place has no bias and reaches the Cramer-Rao bound,
+whatever the sampling (King 1983, PASP 95, 163, for the bound).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from star_tracker.compiled import compiled
+from star_tracker.detection.centroids import Flag
+from star_tracker.detection.psf import Psf, star_shape
+from star_tracker.detection.stars import Scene, Star, Window, noise_at, window_of
+from star_tracker.geometry.spherical import Floats
+
+_SATURATED = int(Flag.SATURATED)
+#: Standard deviation of the logarithm of a star's width: lenses are not equally sharp all over.
+_WIDTH_SPREAD, _WINGS_SPREAD = 0.25, 1.0
+#: Unknowns before the fluxes, and at the most.
+_PLACE, _WIDTH, _BACKGROUND, _FLUX, _MOST = 0, 2, 3, 4, 7
+_MAX_ITERATIONS = 25
+#: Longest steps: in the place, in widths of the star; in the logarithm of the width.
+_STEP_SIGMAS, _STEP_WIDTH = 0.7, 0.4
+#: Widths that a fit may take, px.
+_WIDTHS_PX = (0.1, 30.0)
+#: Fewer pixels than this determine nothing.
+_FEWEST_PIXELS = 8
+
+
+class Fitting(NamedTuple):
+    """How a star is fitted.
+
+    Attributes:
+        hold: standard deviation of the prior on the logarithm of the width about the PSF's.
+        settled_px: the fit is at its end where a step is shorter than this.
+    """
+
+    hold: float
+    settled_px: float
+
+
+@compiled
+def fitting(star: Star, settled_px: float) -> Fitting:
+    """Return how a star is fitted: the wings of a saturated one are wider than its core."""
+    saturated = star.flags & _SATURATED != 0
+    return Fitting(_WINGS_SPREAD if saturated else _WIDTH_SPREAD, settled_px)
+
+
+@compiled
+def fit_star(scene: Scene, star: Star, flux: Floats, psf: Psf, how: Fitting) -> bool:
+    """Fit a star, starting from what it holds, and write what comes of it.
+
+    `flux` (3,) is that of each colour. Returns whether the fit settled.
+    """
+    hold = how.hold
+    window = window_of(scene, star, psf)
+    start_x, start_y = star.x, star.y
+    farthest = 2.0 * star.sigma + 1.0 + star.reach
+    star.noise = noise_at(scene, star.x, star.y)
+    n_fluxes = 1 + np.max(scene.channel)
+    normal, right = np.empty((_MOST, _MOST)), np.empty(_MOST)
+    for _ in range(_MAX_ITERATIONS):
+        shape = Psf(star.sigma, psf.dx_px, psf.dy_px)
+        star_shape(shape, star.x, star.y, window.corner, window.shape)
+        if _equations(scene, star, flux, window, (normal, right)) < _FEWEST_PIXELS:
+            return False
+        normal[_WIDTH, _WIDTH] += 1 / hold**2
+        right[_WIDTH] += math.log(psf.sigma_px / star.sigma) / hold**2
+        normal[_BACKGROUND, _BACKGROUND] += 1 / star.noise**2
+        right[_BACKGROUND] -= star.background / star.noise**2
+        if not _solve(normal, right, _FLUX + n_fluxes):
+            return False
+        moved = _step(star, flux, right, n_fluxes)
+        if not (math.hypot(star.x - start_x, star.y - start_y) < farthest
+                and _WIDTHS_PX[0] < star.sigma < _WIDTHS_PX[1]):
+            return False
+        if moved < how.settled_px:
+            _sum_up(scene, star, flux, window)
+            return True
+    return False
+
+
+@compiled
+def _equations(
+    scene: Scene, star: Star, flux: Floats, window: Window, system: tuple[Floats, Floats]
+) -> int:
+    """Write the normal equations of a step, lower half; return the number of pixels that count.
+
+    The sums over all pixels are numbers of their own, which stay in registers; those of each
+    colour's flux are few.
+    """
+    normal, right = system
+    normal[:], right[:] = 0.0, 0.0
+    left, top = window.corner
+    shape, level, shot = window.shape, scene.saturation_level, scene.shot
+    base, background = star.noise * star.noise, star.background
+    n_pixels = 0
+    xx = xy = yy = xw = yw = ww = xb = yb = wb = bb = rx = ry = rw = rb = 0.0
+    for i in range(shape.shape[1]):
+        for j in range(shape.shape[2]):
+            if not scene.pixels[top + i, left + j] < level:  # nor NaN
+                continue
+            n_pixels += 1
+            colour = scene.channel[(top + i) & 1, (left + j) & 1]
+            share, at = flux[colour], _FLUX + colour
+            seen = shape[0, i, j]
+            weight = 1.0 / (base + shot * share * seen)
+            off = weight * (scene.residual[top + i, left + j] - background - share * seen)
+            dx, dy, dw = share * shape[1, i, j], share * shape[2, i, j], share * shape[3, i, j]
+            wx, wy, wdw, ws = weight * dx, weight * dy, weight * dw, weight * seen
+            xx, xy, yy = xx + wx * dx, xy + wx * dy, yy + wy * dy
+            xw, yw, ww = xw + wx * dw, yw + wy * dw, ww + wdw * dw
+            xb, yb, wb, bb = xb + wx, yb + wy, wb + wdw, bb + weight
+            rx, ry, rw, rb = rx + off * dx, ry + off * dy, rw + off * dw, rb + off
+            normal[at, 0] += ws * dx
+            normal[at, 1] += ws * dy
+            normal[at, 2] += ws * dw
+            normal[at, 3] += ws
+            normal[at, at] += ws * seen
+            right[at] += off * seen
+    normal[0, 0], normal[1, 0], normal[1, 1] = xx, xy, yy
+    normal[2, 0], normal[2, 1], normal[2, 2] = xw, yw, ww
+    normal[3, 0], normal[3, 1], normal[3, 2], normal[3, 3] = xb, yb, wb, bb
+    right[0], right[1], right[2], right[3] = rx, ry, rw, rb
+    return n_pixels
+
+
+@compiled
+def _solve(normal: Floats, right: Floats, n: int) -> bool:
+    """Solve n symmetrical equations in place, by Cholesky; only the lower half is read."""
+    for i in range(n):
+        for j in range(i + 1):
+            total = normal[i, j]
+            for k in range(j):
+                total -= normal[i, k] * normal[j, k]
+            if i > j:
+                normal[i, j] = total / normal[j, j]
+            elif total > 1e-12 * abs(normal[i, i]):
+                normal[i, i] = math.sqrt(total)
+            else:
+                return False
+    for i in range(n):
+        for k in range(i):
+            right[i] -= normal[i, k] * right[k]
+        right[i] /= normal[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            right[i] -= normal[k, i] * right[k]
+        right[i] /= normal[i, i]
+    return True
+
+
+@compiled
+def _step(star: Star, flux: Floats, step: Floats, n_fluxes: int) -> float:
+    """Take a step, not too long a one; return its length in place and width, px."""
+    longest = max(
+        abs(step[0]) / (_STEP_SIGMAS * star.sigma), abs(step[1]) / (_STEP_SIGMAS * star.sigma),
+        abs(step[_WIDTH]) / _STEP_WIDTH, 1.0,
+    )
+    star.x += step[_PLACE] / longest
+    star.y += step[_PLACE + 1] / longest
+    star.background += step[_BACKGROUND] / longest
+    for colour in range(n_fluxes):
+        # The flux stays positive: a star that is none would otherwise turn over and over.
+        flux[colour] = max(flux[colour] + step[_FLUX + colour] / longest, 1e-3 * flux[colour])
+    before = star.sigma
+    star.sigma *= math.exp(step[_WIDTH] / longest)
+    return float(max(abs(step[0]), abs(step[1]), 0.1 * abs(star.sigma - before)))
+
+
+@compiled
+def _sum_up(scene: Scene, star: Star, flux: Floats, window: Window) -> None:
+    """Write flux, signal to noise and what of the star is left unexplained."""
+    left, top = window.corner
+    power = left_over = 0.0
+    n_pixels = 0
+    _, ny, nx = window.shape.shape
+    colours = np.zeros(3)
+    for i in range(ny):
+        for j in range(nx):
+            colour = scene.channel[(top + i) & 1, (left + j) & 1]
+            colours[colour] += window.shape[0, i, j] ** 2
+            if not scene.pixels[top + i, left + j] < scene.saturation_level:
+                continue
+            value = flux[colour] * window.shape[0, i, j]
+            off = scene.residual[top + i, left + j] - star.background - value
+            variance = star.noise**2 + scene.shot * max(value, 0.0)
+            n_pixels += 1
+            power += value * value / variance
+            left_over += off * off / variance
+    share, variance = np.zeros(3), 0.0
+    for k in range(4):
+        share[scene.channel[k // 2, k % 2]] += 0.25
+    star.flux = 0.0
+    for colour in range(3):
+        if share[colour] > 0.0 and colours[colour] > 0.0:
+            star.flux += share[colour] * flux[colour]
+            variance += (share[colour] * star.noise) ** 2 / colours[colour]
+    star.snr = star.flux / math.sqrt(variance) if variance > 0.0 else 0.0
+    # Of noise alone the sum is n +- sqrt(2 n).
+    expected = n_pixels + 3.0 * math.sqrt(2.0 * n_pixels)
+    star.unexplained = max(0.0, left_over - expected) / max(power, 1e-30)

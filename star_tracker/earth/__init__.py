@@ -1,0 +1,1 @@
+"""The attitude against the Earth: its rotation, places on it, aberration and refraction."""
