@@ -1,4 +1,4 @@
-"""identify_node finds its camera out, keeps what it learnt, and reads it again at the next start."""
+"""identify_node finds its camera out, keeps what it learnt, and reads it at the next start."""
 
 import numpy as np
 import pytest
