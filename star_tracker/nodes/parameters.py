@@ -12,6 +12,7 @@ from star_tracker.catalogue.catalog import (
     DEFAULT_LIMITING_MAGNITUDE,
     DEFAULT_MIN_SEPARATION_DEG,
     EPOCH_RANGE,
+    GAIA_MAGNITUDE_RANGE,
     LIMITING_MAGNITUDE_RANGE,
     MIN_SEPARATION_RANGE_DEG,
     REFERENCE_EPOCH,
@@ -65,6 +66,15 @@ class _SolverParameters:
     camera_info_wait_ms: float = parameter(
         100.0, "longest wait of a frame for its camera_info", "ms", allowed=(0.0, 10000.0)
     )
+    rectified: bool = parameter(
+        False, "centroids are of the rectified image: of camera_info P holds, and no distortion",
+        fixed=True,
+    )
+    x_field: str = parameter("x", "field of centroids with the x coordinate")
+    y_field: str = parameter("y", "field of centroids with the y coordinate")
+    intensity_field: str = parameter(
+        "", "field of centroids with the brightness; empty = intensity, if there is one"
+    )
     method: str = parameter(
         _SOLVE.method,
         "match_group, radial_cyclic, or auto: the first, then the second as its fallback",
@@ -115,14 +125,16 @@ class _SolverParameters:
         10, "frames that wait at most; the oldest ones are dropped", allowed=(1, 1000), fixed=True
     )
     catalog: str = parameter(
-        "paper", "paper: the 4908 numbered stars; hipparcos: for real skies", choices=CATALOGS
+        "paper",
+        "paper: the 4908 numbered stars; hipparcos: for real skies; gaia: for narrow fields",
+        choices=CATALOGS,
     )
     limiting_magnitude: float = parameter(
-        DEFAULT_LIMITING_MAGNITUDE, "faintest guide stars of catalog hipparcos", "V mag",
-        allowed=LIMITING_MAGNITUDE_RANGE,
+        DEFAULT_LIMITING_MAGNITUDE, "faintest guide stars of catalog hipparcos or gaia", "V mag",
+        allowed=(LIMITING_MAGNITUDE_RANGE[0], GAIA_MAGNITUDE_RANGE[1]),
     )
     min_separation_deg: float = parameter(
-        DEFAULT_MIN_SEPARATION_DEG, "closer stars of catalog hipparcos are merged into one", "deg",
+        DEFAULT_MIN_SEPARATION_DEG, "closer stars of hipparcos or gaia are merged into one", "deg",
         allowed=MIN_SEPARATION_RANGE_DEG,
     )
     epoch: float = parameter(

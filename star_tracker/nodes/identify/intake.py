@@ -103,7 +103,8 @@ class Intake:
 
     def _on_camera_info(self, message: CameraInfo, _: Mapping[str, Any]) -> None:
         try:
-            camera = camera_from_info(message, self._setup().parameters.parity)
+            p = self._setup().parameters
+            camera = camera_from_info(message, p.parity, rectified=p.rectified)
         except MessageError as error:
             self._refused = str(error)
             self._reject(None, "camera_info", self._refused)
