@@ -45,6 +45,7 @@ setup(
     entry_points={
         "console_scripts": [
             "identify_node = star_tracker.nodes.running:identify_node",
+            "relay_node = star_tracker.nodes.running:relay_node",
             "replay_node = star_tracker.nodes.running:replay_node",
             "star_tracker = star_tracker.commands.cli:main",
             "star_tracker_demo = star_tracker.nodes.demo:main",

@@ -1,7 +1,18 @@
-"""Replay the eight star maps into identify_node: `ros2 launch star_tracker replay.launch.py`."""
+"""Replay the eight star maps into identify_node: `ros2 launch star_tracker replay.launch.py`.
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
+Each frame's result is a line on the screen. The end of the replay ends the launch.
+"""
+
+from pathlib import Path
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+    TimerAction,
+)
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
@@ -10,32 +21,50 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from star_tracker.resources import resource_path
 
+ARGUMENTS = {
+    "params_file": (str(resource_path("config/fov12.yaml")), "parameters of identify_node"),
+    "namespace": ("", "in front of all topics but /diagnostics"),
+    "rate_hz": ("10.0", "frames per second"),
+    "loop": ("false", "replay without end"),
+    "noise_px": ("0.0", "noise added, px"),
+    "log_level": ("info", "debug, info, warn, error or fatal"),
+}
+#: After the last frame has been sent its answer is still to come.
+_LAST_ANSWER_S = 1.0
 
-def generate_launch_description() -> LaunchDescription:
-    """Start both nodes; the end of the replay ends the launch."""
+
+def start(context: LaunchContext) -> list[Node | RegisterEventHandler]:
+    """Return both nodes. Raises ValueError, in one line, for a file that is not there."""
+    told = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    if not Path(told["params_file"]).is_file():
+        raise ValueError(f"params_file:={told['params_file']} is not there")
     replay = Node(
         package="star_tracker", executable="replay_node", output="screen",
+        namespace=told["namespace"], ros_arguments=["--log-level", told["log_level"]],
         parameters=[{
-            "rate_hz": ParameterValue(LaunchConfiguration("rate_hz"), value_type=float),
-            "loop": ParameterValue(LaunchConfiguration("loop"), value_type=bool),
-            "noise_px": ParameterValue(LaunchConfiguration("noise_px"), value_type=float),
+            "rate_hz": ParameterValue(told["rate_hz"], value_type=float),
+            "loop": ParameterValue(told["loop"], value_type=bool),
+            "noise_px": ParameterValue(told["noise_px"], value_type=float),
         }],
     )
     identify = Node(
         package="star_tracker", executable="identify_node", output="screen",
-        parameters=[LaunchConfiguration("params_file"), {"use_camera_info": True}],
+        namespace=told["namespace"], ros_arguments=["--log-level", told["log_level"]],
+        parameters=[told["params_file"], {"use_camera_info": True, "log_frames": True}],
     )
+    end = TimerAction(period=_LAST_ANSWER_S, actions=[EmitEvent(event=Shutdown())])
+    return [
+        identify, replay,
+        RegisterEventHandler(OnProcessExit(target_action=replay, on_exit=[end])),
+    ]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Start both nodes; the end of the replay ends the launch."""
     return LaunchDescription([
-        DeclareLaunchArgument(
-            "params_file", default_value=str(resource_path("config/fov12.yaml")),
-            description="parameters of identify_node",
+        *(
+            DeclareLaunchArgument(name, default_value=default, description=description)
+            for name, (default, description) in ARGUMENTS.items()
         ),
-        DeclareLaunchArgument("rate_hz", default_value="10.0", description="frames per second"),
-        DeclareLaunchArgument("loop", default_value="false", description="replay without end"),
-        DeclareLaunchArgument("noise_px", default_value="0.0", description="noise added, px"),
-        identify,
-        replay,
-        RegisterEventHandler(
-            OnProcessExit(target_action=replay, on_exit=[EmitEvent(event=Shutdown())])
-        ),
+        OpaqueFunction(function=start),
     ])

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from msg_adapters import MessageError, shown
 from msg_adapters.centroids import Centroids
-from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.labels import Identification
 
 if TYPE_CHECKING:
     import sensor_msgs.msg
     import std_msgs.msg
+
+    from star_tracker.catalogue.catalog import StarCatalog
+    from star_tracker.identification.labels import Identification
 
 #: The data types of PointField, INT8 to FLOAT64, as numpy names them.
 _FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -66,7 +67,7 @@ def cloud_from_centroids(
 
 
 def cloud_from_identification(
-    identification: Identification, xy_px: Floats, catalog: StarCatalog,
+    identification: "Identification", xy_px: Floats, catalog: "StarCatalog",
     header: "std_msgs.msg.Header",
 ) -> "sensor_msgs.msg.PointCloud2":
     """Write one point for each centroid, in input order, as `STAR_DTYPE` (0 or NaN = none)."""

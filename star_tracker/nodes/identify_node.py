@@ -176,7 +176,9 @@ class IdentifyNode(Node):
     def _solve(self, frame: IncomingFrame, camera: Camera | None) -> None:
         """Take one frame the whole way. Raises MessageError where it cannot be read."""
         solver, header, p = self._solver, frame.header, self._setup.parameters
-        centroids = centroids_from_cloud(frame.message)
+        centroids = centroids_from_cloud(
+            frame.message, x=p.x_field, y=p.y_field, intensity=p.intensity_field or None
+        )
         answer = solver.solve(centroids, camera, frame.stamp_ns, frame.received_s)
         self._journal.read(answer)
         self._outputs.publish(answer.solution, header, answer.hint)

@@ -89,6 +89,15 @@ class _SolverParameters:
     camera_info_wait_ms: float = parameter(
         100.0, "longest wait of a frame for its camera_info", "ms", allowed=(0.0, 10000.0)
     )
+    rectified: bool = parameter(
+        False, "centroids are of the rectified image: of camera_info P holds, and no distortion",
+        fixed=True,
+    )
+    x_field: str = parameter("x", "field of centroids with the x coordinate")
+    y_field: str = parameter("y", "field of centroids with the y coordinate")
+    intensity_field: str = parameter(
+        "", "field of centroids with the brightness; empty = intensity, if there is one"
+    )
     method: str = parameter(
         _SOLVE.method,
         "match_group, radial_cyclic, or auto: the first, then the second as its fallback",

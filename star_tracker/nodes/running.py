@@ -33,6 +33,11 @@ def replay_node() -> int:
     return _command("replay_node")
 
 
+def relay_node() -> int:
+    """Run relay_node; return the exit code."""
+    return _command("relay_node")
+
+
 def _command(module: str) -> int:
     """Run the node of a module, which a signal ends quietly from the first moment."""
     for number in _SIGNALS:

@@ -253,7 +253,8 @@ TOLERANCES = "it must be a list, each item a number from 0.01 to 100 px"
 
 
 @pytest.mark.parametrize(("parameters", "text"), [
-    ({"catalog": "gaia"}, "parameter catalog is 'gaia': it must be one of paper, hipparcos"),
+    ({"catalog": "tycho"},
+     "parameter catalog is 'tycho': it must be one of paper, hipparcos, gaia"),
     ({"fov_deg": 500.0}, "parameter fov_deg is 500.0: it must be a number from 0.5 to 120 deg"),
     ({"fov_deg": float("nan")},
      "parameter fov_deg is nan: it must be a number from 0.5 to 120 deg"),
@@ -279,7 +280,7 @@ def test_configuration_that_cannot_be_used_is_refused_in_one_line(parameters, te
 def test_refused_node_leaves_nothing_behind():
     with open_bench() as bench:
         with pytest.raises(ParameterError):
-            bench.start(IdentifyNode, {"catalog": "gaia"})
+            bench.start(IdentifyNode, {"catalog": "tycho"})
         bench.start(IdentifyNode)
         nodes = bench.probe.get_node_names_and_namespaces()
         assert nodes.count(("identify_node", bench.namespace)) == 1

@@ -200,3 +200,29 @@ def test_an_info_for_the_first_frame_only_delays_the_second_and_no_more():
         for _ in range(5):
             assert client.send(map1()).status == "SOLVED"
             assert len(waited) == 1
+
+
+# ---- fields and rectified images -------------------------------------------------------------
+
+
+def test_fields_of_other_names_are_read():
+    frame = map1()
+    frame.fields[0].name, frame.fields[1].name = "u", "v"
+    with open_bench() as bench:
+        client = IdentifyClient(bench)
+        bench.start(IdentifyNode, {**PARAMETERS, "use_camera_info": False, "x_field": "u",
+                                   "y_field": "v"})
+        assert client.connect().send(frame).status == "SOLVED"
+
+
+def test_of_a_rectified_image_p_holds():
+    """K and the distortion are those of the raw image: with them nothing is solved."""
+    message = info()
+    message.k = [0.8 * value for value in message.k]
+    message.k[8] = 1.0
+    message.d = [-0.2, 0.0, 0.0, 0.0, 0.0]
+    with info_client({**PATIENT, "rectified": True}) as client:
+        client.bench.connected_outbox(CameraInfo, "camera_info").publish(message)
+        outcome = client.send(map1())
+    assert outcome.status == "SOLVED"
+    assert float(outcome.values["rms_px"]) < 0.05

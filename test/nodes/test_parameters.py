@@ -167,7 +167,7 @@ def test_fixed_parameters():
     fixed = {parameter.name for parameter in IDENTIFY_PARAMETERS if parameter.fixed}
     assert fixed == {
         "base_frame", "calibrate_focal_length", "earth_frame", "publish_tf", "use_fix",
-        "use_velocity", "camera_frame", "queue_depth", "reference_frame",
+        "use_velocity", "camera_frame", "queue_depth", "rectified", "reference_frame",
         "use_camera_info",
     }
     assert all(parameter.fixed for parameter in REPLAY_PARAMETERS)
@@ -314,7 +314,7 @@ def test_config_file_explains_every_parameter(name):
     """A comment stands above each parameter or above the group it ends."""
     text = resource_path(f"config/{name}").read_text(encoding="utf-8")
     lines = [line.strip() for line in text.splitlines()]
-    explained = {"height_px", "cy_px"}  # by the line above, together with width_px and cx_px
+    explained = {"height_px", "cy_px", "y_field"}  # by the line above, together with another
     for above, line in pairwise(lines):
         match = re.match(r"(\w+): ", line)
         if match and (above.startswith("#") or "#" in line):

@@ -105,7 +105,7 @@ class Intake:
         try:
             p = self._setup().parameters
             camera = replace(
-                camera_from_info(message, p.parity),
+                camera_from_info(message, p.parity, rectified=p.rectified),
                 tolerance_percent=p.camera_info_tolerance_percent,
             )
         except MessageError as error:
