@@ -3,8 +3,8 @@
 Between the middles of the tiles (`tiles.py`) the level is bilinear. What is left of a row over
 the whole width is its offset (read-out banding), then the same for columns, both estimated with
 Huber's bounded influence (Huber 1964, Ann. Math. Stat. 35, 73), so that neither stars nor an
-object that covers part of the row count. Order matters: a horizon or a tree changes the median of a
-row, but not that of a row's difference from its surroundings.
+object that covers part of the row count. Order matters: a horizon or a tree changes the median of
+a row, but not that of a row's difference from its surroundings.
 """
 
 from typing import NamedTuple
