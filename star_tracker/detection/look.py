@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.compiled import compiled
 from star_tracker.detection.background import subtract_background
 from star_tracker.detection.centroids import PSF_RANGE_PX, DetectSettings
 from star_tracker.detection.image import Frame, Plane
@@ -22,9 +21,9 @@ _FIRST_SIGMA_PX, _SAME_WIDTH = 0.8, 1.5
 #: Lines whose ends are off by no more than this, in widths, are the same.
 _SAME_LINE = 1.5
 _MOST_LOOKS = 4
-#: Where the first look shows no stars, so many pixels along each axis are taken together: stars
-#: of two, four and eight times the width would be seen then.
-_BINS = (2, 4, 8)
+#: Where the first look shows no stars, two pixels along each axis are taken together, then four,
+#: then eight: stars of as many times the width would be seen then.
+_MOST_BINNED = 8
 #: Peaks that are looked at, for each star that is asked for: the others may be hot pixels. Of
 #: drawn stars, which take longer, there are fewer.
 _PEAKS_PER_STAR, _PEAKS_PER_STREAK = 8, 2
@@ -55,13 +54,14 @@ def look_at(frame: Frame, asked: DetectSettings) -> Look:
     known = asked.psf_sigma_px
     psf = Psf(known or _FIRST_SIGMA_PX)
     residual, tiles = subtract_background(frame, tile_size_px(psf.sigma_px))
-    look = _filter(frame, (residual, tiles), psf, asked)
-    for _ in range(_MOST_LOOKS - 1):
+    look = first = _filter(frame, (residual, tiles), psf, asked)
+    for turn in range(_MOST_LOOKS - 1):
         found = image_psf(look.scene, look.peaks, psf, known)
-        if found is None and known is None:
+        if found is None and known is None and turn == 0:
             found = _wide_psf(frame, (residual, tiles), asked)
         if found is None:
-            return look
+            # There is nothing to go by: the first look is as good as any.
+            return first
         look = look._replace(psf=found)
         if _alike(found, psf):
             return look
@@ -91,11 +91,10 @@ def _wide_psf(
     frame: Frame, without: tuple[Plane, Tiles], asked: DetectSettings
 ) -> Psf | None:
     """Return the image of a star that is too wide to be seen pixel by pixel, None for no such."""
-    residual, tiles = without
-    for n in _BINS:
-        if min(residual.shape) < n * _SMALLEST_PX:
-            return None
-        mean, largest = _binned(residual, frame.pixels, n)
+    mean, tiles = without
+    largest, n = frame.pixels, 1
+    while n < _MOST_BINNED and min(mean.shape) >= 2 * _SMALLEST_PX:
+        mean, largest, n = *_binned(mean, largest), 2 * n
         coarse = Frame(
             largest, frame.saturation_level, frame.step / n, np.zeros((2, 2), np.int64)
         )
@@ -109,20 +108,16 @@ def _wide_psf(
     return None
 
 
-@compiled
-def _binned(residual: Plane, pixels: Plane, n: int) -> tuple[Plane, Plane]:
-    """Return the mean of the residual and the largest pixel of each n x n pixels.
+def _binned(residual: Plane, pixels: Plane) -> tuple[Plane, Plane]:
+    """Return the mean of the residual and the largest pixel of each 2 x 2 pixels.
 
     The largest one tells whether one is saturated; NaN where one is not to be used.
     """
-    shape = (residual.shape[0] // n, residual.shape[1] // n)
-    mean, largest = np.zeros(shape, np.float32), np.full(shape, np.float32(-np.inf))
-    for i in range(shape[0] * n):
-        for j in range(shape[1] * n):
-            mean[i // n, j // n] += residual[i, j] / np.float32(n * n)
-            if not pixels[i, j] <= largest[i // n, j // n]:
-                largest[i // n, j // n] = pixels[i, j]
-    return mean, largest
+    height, width = (n // 2 * 2 for n in residual.shape)
+    a, b, c, d = (residual[i:height:2, j:width:2] for i in (0, 1) for j in (0, 1))
+    p, q, r, s = (pixels[i:height:2, j:width:2] for i in (0, 1) for j in (0, 1))
+    mean = np.float32(0.25) * (a + b + c + d)
+    return mean, np.maximum(np.maximum(p, q), np.maximum(r, s))
 
 
 def _alike(a: Psf, b: Psf) -> bool:

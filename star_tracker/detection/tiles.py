@@ -77,11 +77,11 @@ def quantile(values: Plane, n: int, share: float, low: float, high: float) -> fl
 def sample_tile(plane: Plane, y: NDArray[np.int64], x: NDArray[np.int64], sample: Plane) -> int:
     """Copy an eighth of the pixels from y[0], x[0] to y[1], x[1]; return their number.
 
-    Each row gives every eighth pixel, in turn all of them. NaN is left out.
+    Every fourth row gives every second pixel. NaN is left out.
     """
     n = 0
-    for row in range(y[0], y[1]):
-        for column in range(x[0] + 3 * row % 8, x[1], 8):
+    for row in range(y[0] + (y[1] - y[0] > 1), y[1], 4):
+        for column in range(x[0], x[1], 2):
             value = plane[row, column]
             sample[n] = value
             n += value == value  # noqa: PLR0124  not NaN

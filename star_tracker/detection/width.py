@@ -44,17 +44,20 @@ def image_psf(
     """
     shapes = np.empty((_MOST, 4))
     sharpest = flatness(Psf(PSF_RANGE_PX[0]))
-    n = _shapes(scene, peaks, (first, sharpest), np.zeros(1, STAR), shapes)
-    if n < _FEWEST:
-        return None
+    known = (first, sharpest, scene.saturation_level)
+    n = _shapes(scene, peaks, known, np.zeros(1, STAR), shapes)
+    if np.count_nonzero(np.isfinite(shapes[:n, 0])) < _FEWEST and _common_line(shapes[:n]) is None:
+        # The wings of saturated stars have a width, too; charge that runs over makes lines.
+        n = _shapes(scene, peaks, (first, sharpest, np.inf), np.zeros(1, STAR), shapes)
+        shapes[:, 1:] = np.nan
     line = _common_line(shapes[:n])
-    known = shapes[:n, 0][np.isfinite(shapes[:n, 0])]
+    widths = shapes[:n, 0][np.isfinite(shapes[:n, 0])]
     if line is not None:
         sigma, dx, dy = line
-    elif len(known) < _FEWEST:
+    elif len(widths) < _FEWEST:
         return None
     else:
-        sigma, dx, dy = math.exp(_densest(np.log(known))), 0.0, 0.0
+        sigma, dx, dy = math.exp(_densest(np.log(widths))), 0.0, 0.0
     low, high = PSF_RANGE_PX
     return Psf(sigma_px or min(max(sigma, low), high), dx, dy)
 
@@ -92,14 +95,16 @@ def _common_line(shapes: Floats) -> tuple[float, float, float] | None:
 
 @compiled
 def _shapes(
-    scene: Scene, peaks: NDArray[np.int64], first: tuple[Psf, float], stars: Stars, shapes: Floats
+    scene: Scene, peaks: NDArray[np.int64], known: tuple[Psf, float, float], stars: Stars,
+    shapes: Floats,
 ) -> int:
     """Write the width and the moments xx, xy, yy of peaks that may be stars; return their number.
 
+    `known` is the image of a star, how flat the sharpest is, and the value that no pixel reaches.
     The width is that of a round star fitted to the peak, NaN where none fits. The moments tell
     lines from points: those of some are enough.
     """
-    psf, sharpest = first
+    psf, sharpest, limit = known
     n = 0
     for k in range(min(len(peaks), _MOST_PEAKS)):
         if n == len(shapes):
@@ -108,8 +113,7 @@ def _shapes(
         brightest = np.max(scene.pixels[
             max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2
         ])
-        # NaN is no number that is below the level.
-        if not brightest < scene.saturation_level or is_hot(scene, row, column, sharpest):
+        if not brightest < limit or is_hot(scene, row, column, sharpest):
             continue
         shapes[n] = np.nan
         shapes[n, 0] = _width(scene, row, column, psf.sigma_px, stars[0])
