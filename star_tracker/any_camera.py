@@ -1,11 +1,13 @@
 """Frames of a camera whose field of view is not known: a search over scales and depths."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.ladder import LadderStep
 from star_tracker.frame_solution import judged, received, refused, setup_of, solved
 from star_tracker.identification.ended import Ended
@@ -18,6 +20,8 @@ from star_tracker.solution import Solution, SolveSettings
 
 #: Steps overlap by this factor, so that no scale falls between two.
 _OVERLAP = 1.01
+#: Each scale is searched at so many depths, which share its evidence.
+_DEPTHS = 2
 
 
 class AnyCameraTracker:
@@ -44,18 +48,18 @@ class AnyCameraTracker:
         self.settings, self.steps = settings or SolveSettings(), tuple(steps)
         setup = setup_of(self.settings)
         self._limits = setup.limits
-        low, high = math.log(_cotangent(steps[-1].fov_max_deg)), math.log(
-            _cotangent(steps[0].fov_min_deg)
+        reach = math.log(
+            _cotangent(steps[0].fov_min_deg) / _cotangent(steps[-1].fov_max_deg)
         )
         self._rungs: list[tuple[float, list[Searcher]]] = []
-        for step in steps:
+        for step, database in _depths(steps):
             camera = _middle(step, parity)
             half = 0.5 * math.log(
                 _OVERLAP * _cotangent(step.fov_min_deg) / _cotangent(step.fov_max_deg)
             )
-            prior = ScalePrior(-half, half, high - low, told=False, sigma=math.inf)
-            searchers = setup.searchers(step.database, with_mirror_image(camera), prior)
-            self._rungs.append((_expected(step, camera), searchers))
+            prior = ScalePrior(-half, half, _DEPTHS * reach, told=False, sigma=math.inf)
+            searchers = setup.searchers(database, with_mirror_image(camera), prior)
+            self._rungs.append((_expected(database, camera), searchers))
         self._both = parity == "auto"
 
     def solve(
@@ -98,8 +102,20 @@ def _middle(step: LadderStep, parity: str) -> Camera:
     )
 
 
-def _expected(step: LadderStep, camera: Camera) -> float:
-    """Return how many guide stars the average field of a step shows."""
+def _depths(steps: Sequence[LadderStep]) -> Iterator[tuple[LadderStep, FeatureDatabase]]:
+    """Yield each step with the databases that it is searched with: its own and a shallower one.
+
+    A camera that sees fewer stars than suit its field has its stars' neighbours missing from the
+    deeper catalogue's triangles.
+    """
+    for step, wider in zip_longest(steps, steps[1:]):
+        yield step, step.database
+        if wider is not None:
+            yield step, wider.database
+
+
+def _expected(database: FeatureDatabase, camera: Camera) -> float:
+    """Return how many guide stars the average field of a camera shows."""
     a, b = camera.width_px / 2 / camera.fx_px, camera.height_px / 2 / camera.fy_px
     solid_angle = 4 * math.atan(a * b / math.sqrt(1 + a * a + b * b))
-    return float(len(step.database.catalog) * solid_angle / (4 * np.pi))
+    return float(len(database.catalog) * solid_angle / (4 * np.pi))

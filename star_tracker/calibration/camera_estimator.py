@@ -1,4 +1,4 @@
-"""A camera from many solved frames: an information filter over focal length, axis and lens.
+"""A camera from many solved frames: an information filter over focal length and lens.
 
 Each frame has an attitude of its own; eliminated, it leaves what the frame's stars tell about the
 camera: an information matrix and a gradient about the camera as it is believed now. They add up
@@ -15,12 +15,13 @@ from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
 
-#: What is estimated. The focal length as log of a multiple of the first one, the principal point
-#: as an offset from the first one in units of the image's width, the radial terms as they are.
-PARAMETERS = ("log_focal_length", "cx_widths", "cy_widths", "k1", "k2")
-#: Standard deviations beforehand: principal points lie within some per cent of the width from the
-#: middle; radial terms of lenses without a calibration reach some tenths.
-_PRINCIPAL_POINT, _K1, _K2 = 0.02, 0.15, 0.1
+#: What is estimated: log of the focal length as a multiple of the first one, and the lens, radial
+#: and tangential (Brown 1966). The principal point stays where it was said to be, as the camera's
+#: frame is defined by it: moved, it would turn the attitude of all later frames. A lens off the
+#: axis shows in the tangential terms instead.
+PARAMETERS = ("log_focal_length", "k1", "k2", "p1", "p2")
+#: Standard deviations of the lens beforehand: of lenses without a calibration.
+_LENS = (0.15, 0.1, 0.01, 0.01)
 #: Random walk a frame, of a lens that warms up or is touched, in the same units.
 _WALK = np.array([1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
 #: Noise of a centroid beforehand, px, worth so many residuals; and never less than this.
@@ -30,8 +31,6 @@ _SIGMA_PX, _SIGMA_FREEDOM, _SIGMA_FLOOR_PX = 0.7, 4.0, 0.02
 _GATE, _ALL_WRONG = 6.0, 5
 #: Stars that a frame needs to tell anything beside its attitude.
 MIN_STARS = 5
-#: A principal point is told by the stars where its error is below this part of what was known.
-_TOLD = 0.05
 #: Huber's limit of a residual, in standard deviations.
 _HUBER = 2.0
 _STEP = 1e-5
@@ -60,8 +59,8 @@ class CameraEstimator:
     """Follows one camera over frames whose stars are identified.
 
     Args:
-        camera: as first found, of definite parity. Its distortion, where it has one that is not
-            radial, is kept and only focal length and principal point are followed.
+        camera: as first found, of definite parity. Its distortion, where it is of another model,
+            is kept and only the focal length is followed.
         tolerance: standard deviation of its log focal length beforehand.
     """
 
@@ -69,12 +68,11 @@ class CameraEstimator:
         self._first = camera
         self._values = np.zeros(len(PARAMETERS))
         given = camera.distortion
-        self._keeps_lens = given is not None and not _is_radial(given)
+        self._keeps_lens = given is not None and not _is_brown(given)
         if given is not None and not self._keeps_lens:
-            self._values[3:] = given.coefficients[:2]
-        lens = (1e-9, 1e-9) if self._keeps_lens else (_K1, _K2)
-        prior = np.array([tolerance, _PRINCIPAL_POINT, _PRINCIPAL_POINT, *lens])
-        self._start = self._values.copy()
+            self._values[1:] = given.coefficients[:4]
+        lens = [1e-9] * len(_LENS) if self._keeps_lens else _LENS
+        prior = np.array([tolerance, *lens])
         self._information = np.diag(prior**-2.0)
         self._squares, self._freedom = _SIGMA_FREEDOM * _SIGMA_PX**2, _SIGMA_FREEDOM
         self._n_frames = self._n_left_out = self._n_wrong_in_a_row = 0
@@ -88,12 +86,7 @@ class CameraEstimator:
     def estimate(self) -> CameraEstimate:
         """What is known so far."""
         errors = np.sqrt(np.diag(np.linalg.inv(self._information)))
-        # In a narrow field a shift of the axis is all but a rotation: where the stars do not tell
-        # it, the axis stays where it was said to be.
-        untold = errors[1:3] > _TOLD * _PRINCIPAL_POINT
-        values = self._values.copy()
-        values[1:3][untold] = self._start[1:3][untold]
-        camera = self._camera(values)
+        camera = self._camera(self._values)
         return CameraEstimate(
             replace(camera, tolerance_percent=float(min(100 * 3 * errors[0], 5.0))), errors,
             self._sigma_px, self._n_frames, self._n_left_out,
@@ -139,17 +132,13 @@ class CameraEstimator:
 
     def _camera(self, values: Floats) -> Camera:
         """Return the camera of some values of the parameters."""
-        first, (log_focal, cx, cy, k1, k2) = self._first, values
-        scale = float(np.exp(log_focal))
+        first, scale = self._first, float(np.exp(values[0]))
         lens = first.distortion
         if not self._keeps_lens:
-            bends = bool(k1 or k2)
-            radial = (float(k1), float(k2), 0.0, 0.0, 0.0)
-            lens = Distortion("plumb_bob", radial) if bends else None
+            terms = tuple(float(value) for value in values[1:])
+            lens = Distortion("plumb_bob", (*terms, 0.0)) if any(terms) else None
         return replace(
-            first, fx_px=first.fx_px * scale, fy_px=first.fy_px * scale,
-            cx_px=first.cx_px + float(cx) * first.width_px,
-            cy_px=first.cy_px + float(cy) * first.width_px, distortion=lens,
+            first, fx_px=first.fx_px * scale, fy_px=first.fy_px * scale, distortion=lens
         )
 
     def _linearised(
@@ -179,8 +168,9 @@ class CameraEstimator:
         return float(np.median(np.abs(left) / np.sqrt(expected))) < _GATE
 
 
-def _is_radial(lens: Distortion) -> bool:
-    return lens.model == "plumb_bob" and not any(lens.coefficients[2:])
+def _is_brown(lens: Distortion) -> bool:
+    """Return whether a lens is described by the terms that are estimated."""
+    return lens.model == "plumb_bob" and lens.coefficients[4] == 0
 
 
 def _without_pose(

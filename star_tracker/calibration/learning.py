@@ -58,8 +58,8 @@ class _Belief:
 class LearningTracker:
     """Identifies frames of one camera and keeps what they tell about it for the next ones.
 
-    A camera with a tolerance, and one that was found, is refined over the frames (focal length,
-    principal point, radial distortion). Where its stars are no longer those of the sky, or a frame
+    A camera with a tolerance, and one that was found, is refined over the frames (focal length and
+    lens). Where its stars are no longer those of the sky, or a frame
     cannot be solved, all fields of view are searched: a zoom or another lens is found again.
 
     Args:

@@ -29,3 +29,5 @@ class Ended(IntEnum):
 
 #: Fewer stars than this fit some guide stars by chance too often to be told apart from truth.
 MIN_STARS = 4
+#: Where the focal length is one more unknown, one more star is needed.
+MIN_STARS_OF_A_SCALE = 5

@@ -8,8 +8,9 @@ from itertools import zip_longest
 
 import numpy as np
 
-from star_tracker.identification.ended import Ended
+from star_tracker.identification.ended import MIN_STARS_OF_A_SCALE, Ended
 from star_tracker.identification.fallback import StarField, Steps
+from star_tracker.identification.labels import StarState
 from star_tracker.identification.search import SAME_POSE_RAD, Limits
 from star_tracker.identification.searcher import Searcher, Task
 
@@ -60,10 +61,13 @@ class Escalation:
     ) -> None:
         self._asked, self._mirrors, self._limits = asked, mirrors, limits
         self._fallback, self._primary = fallback, primary
+        self._n_begun = 1  # searchers that have had a turn with the frame
 
     def run(self, task: Task) -> Verdict:
         """Solve a frame, or say why not."""
-        n_hypotheses = self._search_on(task) + sum(one.n_hypotheses for one in self._asked)
+        self._n_begun = 1
+        n_hypotheses = self._search_on(task)
+        n_hypotheses += sum(one.n_hypotheses for one in self._asked[: self._n_begun])
         for one in self._asked:
             if one.ended == Ended.SOLVED:
                 return Verdict(Ended.SOLVED, one, n_hypotheses)
@@ -83,6 +87,12 @@ class Escalation:
             reason = f"deadline {task.deadline_ms:g} ms passed, {found}"
         if ended == Ended.SOLVED:
             best.label(task)
+            n_stars = int(np.sum(task.labels["state"] == StarState.IDENTIFIED))
+            if not best.scale_is_told and n_stars < MIN_STARS_OF_A_SCALE:
+                ended, reason = Ended.EXHAUSTED, (
+                    f"{n_stars} stars agree, {MIN_STARS_OF_A_SCALE} are needed where the field of "
+                    "view is not known"
+                )
         return Verdict(ended, best, n_hypotheses, reason)
 
     def _search_on(self, task: Task) -> int:
@@ -91,6 +101,7 @@ class Escalation:
         Ends where something is solved. Returns the hypotheses that the fallback has compared.
         """
         for other in self._asked[1:]:
+            self._n_begun += 1
             other.follow(task)
             if other.ended == Ended.SOLVED:
                 return 0

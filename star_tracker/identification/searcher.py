@@ -55,16 +55,22 @@ class Searcher:
     Attributes:
         camera: of that parity.
         catalog: the guide stars.
+        scale_is_told: whether the focal length is more than a place in a range.
         ended: how the last step ended.
         method: the matcher whose pose is the best.
         mode: of `MODES`, how that pose was come by.
     """
 
-    __slots__ = ("_engine", "_progress", "camera", "catalog", "ended", "method", "mode", "results")
+    __slots__ = (
+        "_engine", "_progress", "camera", "catalog", "ended", "method", "mode", "results",
+        "scale_is_told",
+    )
 
     def __init__(
-        self, camera: Camera, catalog: StarCatalog, engine: Any, results: Results
+        self, camera: Camera, catalog: StarCatalog, engine: Any, results: Results, *,
+        scale_is_told: bool = True,
     ) -> None:
+        self.scale_is_told = scale_is_told
         self.camera, self.catalog, self._engine, self.results = camera, catalog, engine, results
         self._progress = results.progress
         self.ended, self.method, self.mode = Ended.MORE, METHODS[0], LOST_IN_SPACE

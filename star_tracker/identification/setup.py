@@ -58,7 +58,9 @@ class Setup:
             engine: Any = make_engine(
                 view, database.pairs, shapes, (levels, self.limits), scratch, results
             )
-            found.append(Searcher(camera, database.catalog, engine, results))
+            found.append(Searcher(
+                camera, database.catalog, engine, results, scale_is_told=prior.told
+            ))
         return found
 
 

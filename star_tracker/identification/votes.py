@@ -18,9 +18,9 @@ ROLL_BITS = 6
 ROLL_BINS = 1 << ROLL_BITS
 #: Position angles have 8 bits, roll bins 6.
 ROLL_SHIFT = 2
-#: Words of a count: two that every vote looks at, four that few do. Counts begin anew at 64, which
-#: no cell of a catalogue has come near to.
-_LOW_WORDS, _HIGH_WORDS = 2, 4
+#: Words of a count: two that every vote looks at, six that few do. Counts begin again at 256: the
+#: pairs of twenty companions are 190.
+_LOW_WORDS, _HIGH_WORDS = 2, 6
 _ONE = np.uint64(1)
 _LAST_BIN = np.uint64(ROLL_BINS - 1)
 _BITS = np.uint64(ROLL_BINS)
@@ -34,7 +34,7 @@ _MOST_VOTES, _FEWEST_COMPANIONS = 100_000, 3
 
 #: The votes for one main star; made once and used again for each:
 #:
-#: - low, high: (n, 2) and (n, 4) uint64, the digits of each guide star's 64 counts; all 0 between
+#: - low, high: (n, 2) and (n, 6) uint64, the digits of each guide star's 64 counts; all 0 between
 #:   main stars;
 #: - carried, n_carried: (r,) the stars that have digits in `high`, and how many; not all are
 #:   remembered;
@@ -158,7 +158,10 @@ def vote_rows(
         elif threshold == 3:
             hit = bins & twos & ones
         else:
-            hit = bins & (high[star, 0] | high[star, 1] | high[star, 2] | high[star, 3])
+            hit = bins & (
+                high[star, 0] | high[star, 1] | high[star, 2] | high[star, 3]
+                | high[star, 4] | high[star, 5]
+            )
         if hit != none:
             _note(votes, np.int64(star), np.int64(roll), threshold)
 

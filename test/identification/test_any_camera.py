@@ -148,7 +148,6 @@ def test_a_small_frame_of_noise_is_searched_to_the_end(any_tracker):
     )
 
 
-@pytest.mark.xfail(strict=True, reason="scales that had no turn count what they did before")
 def test_frames_leave_no_trace_in_each_other(steps, any_tracker):
     views = frames_of(steps[0], 12.0, 2, 80)[1] + frames_of(steps[1], 17.0, 2, 81)[1]
     fresh = [record(AnyCameraTracker(steps, PATIENT).solve(v.xy_px)) for v in views]

@@ -342,7 +342,6 @@ def test_hypotheses_of_all_searchers_are_counted(bench, n):
     assert run(bench, searchers).n_hypotheses == 100 * n
 
 
-@pytest.mark.xfail(strict=True, reason="a searcher that had no turn counts what it did before")
 def test_hypotheses_of_the_frame_before_are_not_counted(bench):
     """The second has solved the frame, so that the third, of 100 hypotheses, has no turn."""
     searchers = [

@@ -148,7 +148,6 @@ def test_members_that_agree_are_true_and_tell_the_scale(bench, database, scale):
         assert log_scale == pytest.approx(math.log(scale), abs=5e-3)
 
 
-@pytest.mark.xfail(strict=True, reason="votes of a cell begin anew at 64: 12 companions have 66")
 def test_the_true_cell_of_a_full_frame_is_the_highest_too(bench, database):
     """All of the nearest 12 or 14 companions are seen and are among the 20 of the guide star."""
     rng = np.random.default_rng(2)
