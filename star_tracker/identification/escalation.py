@@ -87,11 +87,10 @@ class Escalation:
             reason = f"deadline {task.deadline_ms:g} ms passed, {found}"
         if ended == Ended.SOLVED:
             best.label(task)
-            n_stars = int(np.sum(task.labels["state"] == StarState.IDENTIFIED))
-            if not best.scale_is_told and n_stars < MIN_STARS_OF_A_SCALE:
+            if not best.scale_is_told and _n_identified(task) < MIN_STARS_OF_A_SCALE:
                 ended, reason = Ended.EXHAUSTED, (
-                    f"{n_stars} stars agree, {MIN_STARS_OF_A_SCALE} are needed where the field of "
-                    "view is not known"
+                    f"{_n_identified(task)} stars agree, {MIN_STARS_OF_A_SCALE} are needed where "
+                    "the field of view is not known"
                 )
         return Verdict(ended, best, n_hypotheses, reason)
 
@@ -176,6 +175,10 @@ class Escalation:
                     one.ended = Ended.MORE
                     return sum(n_compared)
         return sum(n_compared)
+
+
+def _n_identified(task: Task) -> int:
+    return int(np.sum(task.labels["state"] == StarState.IDENTIFIED))
 
 
 def _elsewhere(one: Searcher, best: Searcher) -> bool:

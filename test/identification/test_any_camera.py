@@ -85,7 +85,8 @@ def test_the_solution_says_the_catalogue_that_it_counts_in(any_tracker, steps):
         for view in views:
             solution = any_tracker.solve(view.xy_px)
             named = solution.identification.identified
-            assert len(named) >= len(view.xy_px) - 1
+            # A shallower catalogue than the step's own may be the first to solve it.
+            assert len(named) >= 5
             stars = solution.catalog.vectors[solution.identification.catalog_index[named]]
             true = steps[at].database.catalog.vectors[view.catalog_index[named]]
             assert np.max(separation(stars, true)) < 1e-9

@@ -47,7 +47,7 @@ class Scripted:
 
     def __init__(self, bench, name, steps, *, parity="normal", rival=-math.inf, rotation=HERE):
         self._bench, self._name, self._steps = bench, name, [*steps]
-        self.camera = SimpleNamespace(parity=parity)
+        self.camera, self.scale_is_told = SimpleNamespace(parity=parity), True
         self.rival_score, self.rotation, self.n_hypotheses = rival, rotation, 100
         self.certain = 0.0  # from which evidence a candidate of the fallback is certain
         self.ended, self.score = Ended.MORE, -math.inf
