@@ -118,7 +118,8 @@ class Bench:
 
         identify_node is told the paper's camera of 12 deg, exactly, unless they say otherwise.
         """
-        told = PAPER_CAMERA if make.__name__ == "IdentifyNode" else {}
+        is_identify = make.__name__ == "IdentifyNode" and "cli_args" not in options
+        told = PAPER_CAMERA if is_identify else {}
         overrides = [
             Parameter(name, value=value) for name, value in {**told, **(parameters or {})}.items()
         ]

@@ -31,14 +31,16 @@ MAY = {
     "tracker": STAGES | {"solution", "frame_solution"},
     "any_camera": STAGES | {"solution", "frame_solution"},
     "maps": {"geometry", "optics", "catalogue", "attitude"},
-    "detection": {"geometry", "optics", "catalogue", "maps"},
+    "detection": {"geometry", "optics", "catalogue"},
     "calibration": CORE,
     "figures": CORE | {"maps", "detection", "calibration"},
     "offline": CORE | {"maps", "detection", "calibration"},
     "study": CORE | {"maps", "detection", "calibration", "figures", "offline"},
     "commands": CORE | {"maps", "detection", "calibration", "figures", "offline", "study"},
     "earth": STAGES | {"solution"},
-    "nodes": CORE | {"earth", "maps", "detection", "calibration", "figures", "study", "commands"},
+    "nodes": CORE | {
+        "earth", "maps", "detection", "calibration", "figures", "offline", "study", "commands",
+    },
 }
 #: Libraries of a folder besides the standard library, numpy and scipy.
 LIBRARIES = {

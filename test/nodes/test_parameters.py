@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange
-from ros_helpers import open_bench
+from ros_helpers import PAPER_CAMERA, open_bench
 
 from star_tracker.nodes.declaring import Parameter, ParameterError, unheard_files
 from star_tracker.nodes.identify.solver_setup import SolverSetup
@@ -117,7 +117,7 @@ def test_descriptions_have_words_and_the_unit():
 
 
 def test_unit_in_a_name_is_the_unit():
-    units = {"deg": "deg", "px": "px", "ms": "ms", "hz": "Hz", "magnitude": "V mag"}
+    units = {"deg": "deg", "px": "px", "ms": "ms", "hz": "Hz", "magnitude": "mag", "percent": "%"}
     for parameter in EVERY_PARAMETER:
         suffix = parameter.name.rpartition("_")[2]
         assert parameter.unit == units.get(suffix, parameter.unit), parameter.name
@@ -168,7 +168,7 @@ def test_fixed_parameters():
     assert fixed == {
         "base_frame", "calibrate_focal_length", "earth_frame", "publish_tf", "use_fix",
         "use_velocity", "camera_frame", "queue_depth", "rectified", "reference_frame",
-        "use_camera_info",
+        "use_camera_info", "camera_file",
     }
     assert all(parameter.fixed for parameter in REPLAY_PARAMETERS)
 
@@ -179,7 +179,8 @@ def test_node_runs_with_its_defaults(node):
     with open_bench() as bench:
         running = bench.start(make)
         values = {p.name: p.checked(running.get_parameter(p.name).value) for p in parameters}
-    assert values == {p.name: p.default for p in parameters}
+    told = PAPER_CAMERA if node == "identify_node" else {}
+    assert values == {p.name: told.get(p.name, p.default) for p in parameters}
 
 
 def test_what_is_given_a_value_but_no_parameter_is_named_at_the_start(capfd):
@@ -208,16 +209,19 @@ def test_the_dataclass_has_the_values_in_their_types():
     with open_bench() as bench:
         p = bench.start(IdentifyNode, overrides)._setup.parameters
     assert (p.fov_deg, p.pair_tolerance_px, p.parity) == (20.0, (1.0, 2.0), "auto")
-    assert p == IdentifyParameters(fov_deg=20.0, pair_tolerance_px=(1.0, 2.0), parity="auto")
+    told = {**PAPER_CAMERA, "fov_deg": 20.0, "pair_tolerance_px": (1.0, 2.0), "parity": "auto"}
+    assert p == IdentifyParameters(**told)
 
 
 @pytest.mark.parametrize(("cx_px", "middle"), [(-1.0, None), (0.0, 0.0), (12.5, 12.5)])
 def test_the_principal_point_is_the_middle_unless_told(cx_px, middle):
-    assert IdentifyParameters(cx_px=cx_px).principal_point_px == (middle, None)
+    p = IdentifyParameters(cx_px=cx_px, width_px=512, height_px=512)
+    assert p.principal_point_px == (middle, None)
 
 
 def test_the_settings_defaults_are_those_of_the_solver():
-    assert SolverSetup.of(IdentifyParameters()).settings == SolveSettings()
+    sized = IdentifyParameters(width_px=512, height_px=512)
+    assert SolverSetup.of(sized).settings == SolveSettings()
 
 
 # ---- files that are for another node ---------------------------------------------------------
@@ -314,7 +318,8 @@ def test_config_file_explains_every_parameter(name):
     """A comment stands above each parameter or above the group it ends."""
     text = resource_path(f"config/{name}").read_text(encoding="utf-8")
     lines = [line.strip() for line in text.splitlines()]
-    explained = {"height_px", "cy_px", "y_field"}  # by the line above, together with another
+    # By the line above, together with another.
+    explained = {"height_px", "cy_px", "y_field", "fov_max_deg"}
     for above, line in pairwise(lines):
         match = re.match(r"(\w+): ", line)
         if match and (above.startswith("#") or "#" in line):
