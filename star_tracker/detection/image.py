@@ -135,7 +135,7 @@ def _companion(values: ArrayLike, shape: tuple[int, ...], name: str) -> Plane:
 
 def _saturation(values: NDArray[np.generic], pixels: Plane) -> float:
     """Return from which value on pixels count as saturated, infinity where none does."""
-    if pixels.size == 0:
+    if pixels.size == 0 or np.isnan(pixels).all():
         return np.inf
     colours = values if values.ndim == 2 else values[:, :, :3]
     largest = float(np.nanmax(pixels) if values.dtype.kind == "f" else colours.max())
