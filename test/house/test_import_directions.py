@@ -146,12 +146,29 @@ def test_the_modules_at_the_top_import_nothing_of_the_package():
     assert rooms(imports(PACKAGE / "compiled.py")) == {"resources"}
 
 
+def dotted(source):
+    return "star_tracker." + named(source).removesuffix(".py").replace("/", ".")
+
+
+def imported_by_module():
+    """Return the modules of the package that each of them imports, by dotted name."""
+    modules = {dotted(source): source for _, source in sources()}
+    graph = {}
+    for module, source in modules.items():
+        found = imports(source)
+        found |= {name.rpartition(".")[0] for name in found}
+        graph[module] = (found & set(modules)) - {module}
+    return graph
+
+
 def test_all_that_is_compiled_is_in_the_digest_that_names_its_cache():
-    """Machine code of a folder holds that of the folders below it, and so do saved features."""
+    """Machine code of a module holds functions and numbers of those that it imports."""
     makers = {f"star_tracker.compiled.{name}" for name in ("compiled", "inlined", "struct")}
-    compiling = {room for room, source in sources() if makers & imports(source)} - EVERYWHERE
-    needed = compiling.union(*(MAY[room] for room in compiling))
-    assert needed <= set(COMPILED_ROOMS)
+    graph = imported_by_module()
+    needed = {dotted(source) for _, source in sources() if makers & imports(source)}
+    while more := set().union(*(graph[module] for module in needed)) - needed:
+        needed |= more
+    assert rooms(needed) - EVERYWHERE <= set(COMPILED_ROOMS)
 
 
 def test_a_folder_imports_only_its_own_libraries():
@@ -192,16 +209,7 @@ def test_a_figure_does_without_pyplot():
 
 def test_the_modules_have_no_circle():
     """Each module can be read after those that it imports."""
-    modules = {
-        "star_tracker." + named(source).removesuffix(".py").replace("/", "."): source
-        for _, source in sources()
-    }
-    graph = {}
-    for module, source in modules.items():
-        found = imports(source)
-        found |= {name.rpartition(".")[0] for name in found}
-        graph[module] = (found & set(modules)) - {module}
-    TopologicalSorter(graph).prepare()  # raises CycleError
+    TopologicalSorter(imported_by_module()).prepare()  # raises CycleError
 
 
 @pytest.mark.parametrize(("text", "found"), [

@@ -35,11 +35,6 @@ BARREL = Distortion("plumb_bob", (-0.25, 0.08, 0.0008, -0.0006, -0.01))
 PATIENT = SolveSettings(deadline_ms=60_000.0)
 
 
-@pytest.fixture(scope="module")
-def database():
-    return FeatureDatabase.build(StarCatalog.paper())
-
-
 @dataclass(frozen=True)
 class Readout:
     """What of the full image is read out: a region, then binned."""

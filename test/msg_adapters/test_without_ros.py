@@ -1,12 +1,8 @@
 """Messages can be read where there is no ROS: out of a bag, on any machine."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
+from processes import ROOT, completed
 
-CHECKOUT = Path(__file__).resolve().parents[2]
 #: What a process does first: nothing of ROS can be imported in it.
 NO_ROS = """
 import sys
@@ -72,17 +68,11 @@ assert not ros, ros
 
 @pytest.mark.parametrize("what", [IMPORTS, READS], ids=["imports", "reads"])
 def test_a_process_without_ros(what):
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", NO_ROS + what + CLEAN], cwd=CHECKOUT, text=True,
-        capture_output=True, timeout=300, check=False,
-    )
+    done = completed("-W", "error", "-c", NO_ROS + what + CLEAN, cwd=ROOT)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 def test_the_block_holds():
     """Or else the tests above would tell nothing where ROS is installed."""
-    done = subprocess.run(
-        [sys.executable, "-c", NO_ROS + "import sensor_msgs.msg"], text=True,
-        capture_output=True, timeout=60, check=False,
-    )
+    done = completed("-c", NO_ROS + "import sensor_msgs.msg")
     assert "No module named 'sensor_msgs'" in done.stderr

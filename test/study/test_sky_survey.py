@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.spherical import separation
 from star_tracker.maps.simulation import Condition
 from star_tracker.optics.camera import Camera
@@ -34,8 +32,7 @@ def test_a_lattice_without_points_is_refused():
         fibonacci_lattice(0)
 
 
-def test_the_survey_counts_frames():
-    database = FeatureDatabase.build(StarCatalog.paper())
+def test_the_survey_counts_frames(database):
     tracker = StarTracker(database, Camera.from_fov(12, 512, 512))
     clean = survey(tracker, Condition("clean", 0.0), 40, 2, 7)
     bare = survey(tracker, Condition("bare", 0.0, missing=1.0), 40, 2, 7)
