@@ -64,8 +64,9 @@ default_role = "literal"
 nitpick_ignore_regex = [
     # Documented elsewhere; a link would need the other projects' indices from the network.
     ("py:.*", r"(numpy|scipy|numba|matplotlib|rich)\..*"),
-    ("py:.*", r"(argparse|collections|pathlib|enum|subprocess)\..*"),
+    ("py:.*", r"(abc|argparse|collections|pathlib|enum|subprocess)\..*"),
     ("py:.*", r"(rclpy|rcl_interfaces|\w+_msgs|std_srvs)\..*"),
+    ("py:class", "Node"),  # of rclpy, imported where it is used only
     # Type variables and other names of a module's own.
     ("py:.*", r"(star_tracker|msg_adapters)\.(\w+\.)*_\w+"),
 ]

@@ -142,7 +142,7 @@ def test_masked_pixels_are_not_used():
     found = detect_stars(image_of(stars, rng=rng), mask=mask)
     assert np.all(found.x_px > 158)
     assert len(found) == np.count_nonzero(stars[:, 0] > 165) + np.count_nonzero(
-        (found.x_px <= 165)
+        found.x_px <= 165
     )
 
 
