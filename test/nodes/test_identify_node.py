@@ -205,6 +205,7 @@ def test_parameters_from_a_yaml_file_are_honoured_also_integers_for_floats(tmp_p
         "    width_px: 1024\n"
         "    height_px: 1024\n"
         "    parity: mirrored\n"
+        "    catalog: paper\n"
         "    pair_tolerance_px: [2, 6]\n"
         "    deadline_ms: 60000\n",
         encoding="utf-8",
@@ -255,14 +256,14 @@ TOLERANCES = "it must be a list, each item a number from 0.01 to 100 px"
 @pytest.mark.parametrize(("parameters", "text"), [
     ({"catalog": "tycho"},
      "parameter catalog is 'tycho': it must be one of paper, hipparcos, gaia"),
-    ({"fov_deg": 500.0}, "parameter fov_deg is 500.0: it must be a number from 0.5 to 120 deg"),
+    ({"fov_deg": 500.0}, "parameter fov_deg is 500.0: it must be a number from 0 to 120 deg"),
     ({"fov_deg": float("nan")},
-     "parameter fov_deg is nan: it must be a number from 0.5 to 120 deg"),
-    ({"fov_deg": 500}, "parameter fov_deg is 500: it must be a number from 0.5 to 120 deg"),
-    ({"fov_deg": "wide"}, "parameter fov_deg is 'wide': it must be a number from 0.5 to 120 deg"),
+     "parameter fov_deg is nan: it must be a number from 0 to 120 deg"),
+    ({"fov_deg": 500}, "parameter fov_deg is 500: it must be a number from 0 to 120 deg"),
+    ({"fov_deg": "wide"}, "parameter fov_deg is 'wide': it must be a number from 0 to 120 deg"),
     ({"width_px": 512.0},
-     "parameter width_px is 512.0: it must be a whole number from 16 to 65536 px"),
-    ({"width_px": 1}, "parameter width_px is 1: it must be a whole number from 16 to 65536 px"),
+     "parameter width_px is 512.0: it must be a whole number from 0 to 65536 px"),
+    ({"width_px": 1}, "parameter width_px is 1: it must be 16 to 65536 px"),
     ({"parity": "upside down"},
      "parameter parity is 'upside down': it must be one of normal, mirrored, auto"),
     ({"pair_tolerance_px": [1.0, float("nan")]},

@@ -6,6 +6,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 from ros_helpers import (
+    PAPER_CAMERA,
     IdentifyClient,
     frame_of,
     health_from_diagnostics,
@@ -132,7 +133,7 @@ def test_two_cameras_in_one_graph_by_namespace():
                 context=bench.context, namespace=f"{bench.namespace}/{side}",
                 parameter_overrides=[
                     Parameter(name, value=value)
-                    for name, value in {**MAPS_12, **parameters}.items()
+                    for name, value in {**PAPER_CAMERA, **MAPS_12, **parameters}.items()
                 ],
             ))
             names.append(f"{node.get_fully_qualified_name()[1:]}: health")

