@@ -12,7 +12,13 @@ from waiting import last_resort, longest_s
 ROOT = Path(__file__).resolve().parents[1]
 IDENTIFY, REPLAY = "star_tracker.nodes.identify_node", "star_tracker.nodes.replay_node"
 #: Arguments of an identify_node for the paper's maps that may take its time.
-MAPS = ["-p", "parity:=mirrored", "-p", "deadline_ms:=60000.0", "-p", "keep_up:=false"]
+#: The size of an image, without which identify_node does not start.
+SIZE = ["-p", "width_px:=512", "-p", "height_px:=512"]
+#: The paper's camera of 12 deg.
+MAPS = [
+    *SIZE, "-p", "fov_deg:=12.0", "-p", "fov_tolerance_percent:=0.0", "-p", "catalog:=paper",
+    "-p", "parity:=mirrored", "-p", "deadline_ms:=60000.0", "-p", "keep_up:=false",
+]
 #: What of rcl's own says that a command line cannot be read; no node can keep it back.
 _RCL_LINE = "[rcl]: Failed to parse global arguments"
 
@@ -55,7 +61,12 @@ def started(command, namespace="", arguments=()):
 
 
 def running(module, namespace, arguments=()):
-    """A node in a process, killed at the end should it still run."""
+    """A node in a process, killed at the end should it still run.
+
+    identify_node is told the size of an image, unless the arguments say it.
+    """
+    if module == IDENTIFY and not any("width_px" in str(word) for word in arguments):
+        arguments = [*SIZE, *arguments]
     return started(["-m", module], namespace, arguments)
 
 

@@ -12,6 +12,7 @@ from processes import (
     IDENTIFY,
     MAPS,
     REPLAY,
+    SIZE,
     assert_ended_well,
     assert_refused,
     ended,
@@ -96,14 +97,14 @@ def test_best_effort_publisher_that_appears_later_is_heard(client):
 
 
 def test_integer_for_a_float_on_the_command_line_is_accepted():
-    with running(IDENTIFY, "/integer", ["-p", "fov_deg:=20"]) as process:
+    with running(IDENTIFY, "/integer", [*SIZE, "-p", "fov_deg:=20"]) as process:
         wait_for_line(process, "camera 20 deg over 512 px")
 
 
 def test_what_does_not_reach_the_node_is_named_at_its_start(tmp_path):
     path = tmp_path / "other.yaml"
     path.write_text("star_tracker:\n  ros__parameters:\n    fov_deg: 20.0\n", encoding="utf-8")
-    arguments = ["--params-file", str(path), "-p", "fov:=20.0"]
+    arguments = ["--params-file", str(path), "-p", "fov:=20.0", *MAPS]
     with running(IDENTIFY, "/deaf", arguments) as process:
         messages = wait_for_line(process, "ready: ")
         messages += wait_for_line(process, "other.yaml") if str(path) not in messages else ""

@@ -64,7 +64,7 @@ def test_signal_at_any_stage_of_the_start(module, owner, name, number, rest):
     script = SIGNAL_AT.format(
         module=module, owner=owner, name=name, number=int(number), rest=rest
     )
-    with started(["-c", script]) as process:
+    with started(["-c", script], "/start", MAPS if module == "identify_node" else ()) as process:
         assert_ended_well(*ended(process))
 
 
@@ -150,7 +150,7 @@ sys.exit(identify_node.main())
 
 
 def test_shutdown_between_two_waits():
-    with started(["-c", SHUTDOWN_WITHOUT_WAKING]) as process:
+    with started(["-c", SHUTDOWN_WITHOUT_WAKING], "/between", MAPS) as process:
         assert_ended_well(*ended(process))
 
 
