@@ -37,7 +37,7 @@ COMMANDS = {
         "attitudes of images, lists of centroids and star maps",
         "Detect the stars of each file, identify them and tell where the camera points. Nothing "
         "has to be known of the camera; what one file tells of it is used for the others.",
-        "star_tracker solve *.png --json",
+        "star_tracker solve 1",
     ),
     "evaluate": Command(
         "robustness of both methods and their paper forms",

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--images", type=Path, metavar="DIR",
-        help="real images for a study that asks for them: truth.csv and centroids.csv",
+        help="real images for a study that asks for them, with truth.csv and centroids.csv (none)",
     )
     parser.add_argument(
         "--quick", action="store_true", help="few frames and values: under a minute"

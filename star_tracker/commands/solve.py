@@ -16,10 +16,11 @@ from star_tracker.calibration.camera_file import read_camera
 from star_tracker.commands.options import Record, add_json_argument, json_text
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.geometry.spherical import ra_dec
+from star_tracker.maps.star_map import PAPER_MAPS, STAR_MAPS_FOLDER
 from star_tracker.offline.solving import Asked, Result, frames_of, solve_frames
 from star_tracker.offline.wcs import header_text
 from star_tracker.optics.camera import PARITIES
-from star_tracker.resources import write_whole
+from star_tracker.resources import resource_path, write_whole
 from star_tracker.solution import SolveSettings
 
 _COLUMNS = (
@@ -33,39 +34,64 @@ _STAR_COLUMNS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the files, what is known of the camera, and what is written."""
-    parser.add_argument("files", nargs="+", type=Path, metavar="FILE")
+    parser.add_argument(
+        "files", nargs="+", metavar="FILE",
+        help="image, list of centroids or star map; a number from 1 to 8 is a shipped map",
+    )
     add_json_argument(parser)
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="write all results as a table")
     parser.add_argument(
-        "--stars", type=Path, metavar="DIR", help="write the stars of each image there, as CSV"
+        "--csv", type=Path, metavar="FILE", help="where a table of all results goes (none)"
     )
     parser.add_argument(
-        "--wcs", type=Path, metavar="DIR", help="write a FITS header of each solved image there"
+        "--stars", type=Path, metavar="DIR", help="where the stars of each image go, CSV (none)"
     )
-    camera = parser.add_argument_group("camera (found out where it is not told)")
-    camera.add_argument(
-        "--fov-deg", type=float, default=0.0, metavar="DEG", help="across the width"
+    parser.add_argument(
+        "--wcs", type=Path, metavar="DIR",
+        help="where a FITS header of each solved image goes (none)",
     )
-    camera.add_argument("--fov-tolerance-percent", type=float, default=5.0, metavar="PERCENT")
-    camera.add_argument("--fov-min-deg", type=float, default=4.0, metavar="DEG")
-    camera.add_argument("--fov-max-deg", type=float, default=70.0, metavar="DEG")
-    camera.add_argument("--camera", type=Path, metavar="FILE.yaml", help="ROS camera calibration")
-    camera.add_argument("--parity", choices=PARITIES, default="auto")
-    camera.add_argument("--width-px", type=int, metavar="PX", help="of the image of a list")
-    camera.add_argument("--height-px", type=int, metavar="PX")
-    camera.add_argument("--bayer", default="", metavar="RGGB", help="of raw images")
+    _add_camera_arguments(parser.add_argument_group("camera (found out where it is not told)"))
     more = parser.add_argument_group("sky and work")
-    more.add_argument("--epoch", type=float, default=2000.0, metavar="YEAR")
-    more.add_argument("--limiting-magnitude", type=float, default=0.0, metavar="V")
-    more.add_argument("--catalog", default="hipparcos", metavar="NAME")
-    more.add_argument("--max-stars", type=int, default=DetectSettings().max_stars, metavar="N")
-    more.add_argument("--deadline-ms", type=float, default=5000.0, metavar="MS")
+    for option, kind, default, metavar, text in (
+        ("--epoch", float, 2000.0, "YEAR", "epoch of the stars' places, Julian year"),
+        ("--limiting-magnitude", float, 0.0, "MAG", "faintest stars, mag; 0 = as suits"),
+        ("--catalog", str, "hipparcos", "NAME", "catalogue of the stars"),
+        ("--max-stars", int, DetectSettings().max_stars, "N", "brightest stars that are used"),
+        ("--deadline-ms", float, 5000.0, "MS", "longest search of a file, ms"),
+        ("--jobs", int, os.cpu_count() or 1, "N", "processes that detect stars"),
+    ):
+        more.add_argument(
+            option, type=kind, default=default, metavar=metavar, help=f"{text} (%(default)s)"
+        )
     more.add_argument(
         "--independent", action="store_true", help="learn nothing from one file for another"
     )
-    more.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N",
-        help="processes (%(default)s)",
+
+
+def _add_camera_arguments(camera: argparse._ArgumentGroup) -> None:
+    """Declare what may be known of the camera."""
+    for option, kind, default, metavar, text in (
+        ("--fov-deg", float, 0.0, "DEG", "field of view across the width, deg; 0 = unknown"),
+        ("--fov-tolerance-percent", float, 5.0, "PERCENT", "how far that may be off, percent"),
+        ("--fov-min-deg", float, 4.0, "DEG", "least field where it is unknown, deg"),
+        ("--fov-max-deg", float, 70.0, "DEG", "greatest field where it is unknown, deg"),
+    ):
+        camera.add_argument(
+            option, type=kind, default=default, metavar=metavar, help=f"{text} (%(default)s)"
+        )
+    camera.add_argument(
+        "--camera", type=Path, metavar="FILE", help="camera calibration of ROS, YAML (none)"
+    )
+    camera.add_argument(
+        "--parity", choices=PARITIES, default="auto", help="of the image (%(default)s)"
+    )
+    camera.add_argument(
+        "--width-px", type=int, metavar="PX", help="width of the image of a list, px (none)"
+    )
+    camera.add_argument(
+        "--height-px", type=int, metavar="PX", help="its height, px (none)"
+    )
+    camera.add_argument(
+        "--bayer", default=None, metavar="RGGB", help="colour pattern of raw images (none)"
     )
 
 
@@ -75,17 +101,24 @@ def execute(options: argparse.Namespace) -> None:
     for folder in (options.stars, options.wcs):
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
-    frames = frames_of(options.files, asked, max(1, options.jobs))
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        bar = progress.add_task("solving", total=len(options.files))
-        results = solve_frames(
-            options.files, frames, asked, done=lambda: progress.advance(bar)
-        )
+    files = [_path(word) for word in options.files]
+    frames = frames_of(files, asked, max(1, options.jobs))
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("solving", total=len(files))
+        results = solve_frames(files, frames, asked, done=lambda: progress.advance(bar))
     for result in results:
         _print(result, as_json=options.json)
     _write(results, options)
     if any(result.error for result in results):
         sys.exit(1)
+
+
+def _path(word: str) -> Path:
+    """Return the file that a word names: a shipped star map, where it is its number."""
+    if word in {str(number) for number in PAPER_MAPS} and not Path(word).exists():
+        return resource_path(f"{STAR_MAPS_FOLDER}/map{word}.csv")
+    return Path(word)
 
 
 def _asked(options: argparse.Namespace) -> Asked:
@@ -105,7 +138,7 @@ def _asked(options: argparse.Namespace) -> Asked:
         catalog=options.catalog, epoch=options.epoch,
         limiting_magnitude=options.limiting_magnitude, independent=options.independent,
         settings=SolveSettings(method="match_group", deadline_ms=options.deadline_ms),
-        detect=DetectSettings(max_stars=options.max_stars), bayer=options.bayer,
+        detect=DetectSettings(max_stars=options.max_stars), bayer=options.bayer or "",
     )
 
 

@@ -7,7 +7,7 @@ import shutil
 import signal
 
 import pytest
-from processes import assert_refused
+from processes import MAPS, assert_refused
 
 from star_tracker.catalogue import catalog
 from star_tracker.catalogue.catalog import CATALOG_FILE
@@ -36,9 +36,9 @@ def refused(capfd, solver_compiled):
 
 @pytest.mark.parametrize(("node", "argument", "text"), [
     (identify_node, "fov_deg:=500.0",
-     "parameter fov_deg is 500.0: it must be a number from 0.5 to 120 deg"),
+     "parameter fov_deg is 500.0: it must be a number from 0 to 120 deg"),
     (identify_node, "fov_deg:=.nan",
-     "parameter fov_deg is nan: it must be a number from 0.5 to 120 deg"),
+     "parameter fov_deg is nan: it must be a number from 0 to 120 deg"),
     (identify_node, "catalog:=tycho",
      "parameter catalog is 'tycho': it must be one of paper, hipparcos, gaia"),
     (replay_node, "maps:=[9]",
@@ -90,7 +90,7 @@ def test_damaged_catalogue(refused, tmp_path, monkeypatch, damage):
     path = tmp_path / "catalogue.npy"
     path.write_bytes(damage(resource_path(CATALOG_FILE).read_bytes()))
     monkeypatch.setattr(catalog, "resource_path", lambda _: path)
-    refused(identify_node, text=path)
+    refused(identify_node, *MAPS, text=path)
 
 
 @pytest.mark.parametrize("damage", [
