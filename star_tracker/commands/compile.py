@@ -64,10 +64,11 @@ def compile_solver(before: CacheState) -> float:
     return time.monotonic() - started
 
 
-def exercise_solver() -> None:
+def exercise_solver() -> str:
     """Run all compiled code of the solver once, in 0.1 s where it comes from the cache.
 
-    What is not run here would be compiled, or loaded, while a frame waits.
+    What is not run here would be compiled, or loaded, while a frame waits. Returns what was wrong
+    with the cache of the features that it used, empty for nothing.
     """
     (star_map,) = paper_maps((1,))
     database, camera = FeatureDatabase.cached(StarCatalog.paper()), star_map.camera
@@ -77,6 +78,7 @@ def exercise_solver() -> None:
     for method in METHODS:
         StarTracker(database, camera, SolveSettings(method=method)).solve(star_map.xy_px)
     camera.pixels(camera.vectors(star_map.xy_px))
+    return database.cache_note
 
 
 @contextmanager

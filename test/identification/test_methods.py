@@ -297,8 +297,10 @@ def test_the_node_refuses_an_unknown_method_in_one_line(ros):
 
 def test_the_node_refuses_a_catalogue_too_dense_for_the_fallback_in_one_line(ros, monkeypatch):
     monkeypatch.setattr("star_tracker.catalogue.database.MAX_PATTERN_STARS", 1000)
-    with ros.open_bench() as bench, pytest.raises(ros.ParameterError) as caught:
-        bench.start(ros.IdentifyNode, {"method": "auto"})
+    with ros.open_bench() as bench:
+        bench.start(ros.IdentifyNode, {"method": "radial_cyclic"})
+        with pytest.raises(ros.ParameterError) as caught:
+            bench.until_ready()
     text = str(caught.value)
     assert "\n" not in text
     assert "lower limiting_magnitude or set method to match_group" in text
