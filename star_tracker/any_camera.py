@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import zip_longest
 
 import numpy as np
@@ -13,7 +14,7 @@ from star_tracker.frame_solution import judged, received, refused, setup_of, sol
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.escalation import Escalation
 from star_tracker.identification.evidence import ScalePrior
-from star_tracker.identification.searcher import Searcher
+from star_tracker.identification.searcher import METHODS, Searcher
 from star_tracker.identification.setup import with_mirror_image
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings
@@ -46,7 +47,7 @@ class AnyCameraTracker:
         if not steps:
             raise ValueError("a ladder needs at least one step")
         self.settings, self.steps = settings or SolveSettings(), tuple(steps)
-        setup = setup_of(self.settings)
+        setup = setup_of(replace(self.settings, method=METHODS[0]))
         self._limits = setup.limits
         reach = math.log(
             _cotangent(steps[0].fov_min_deg) / _cotangent(steps[-1].fov_max_deg)
@@ -76,7 +77,7 @@ class AnyCameraTracker:
         task = received(xy_px, intensity, deadline_ms, self.settings)
         first = self._rungs[0][1][0]
         first.begin(task)
-        if first.ended in (Ended.TOO_FEW, Ended.TOO_MANY):
+        if first.ended == Ended.TOO_FEW:
             return refused(task, first)
         n = first.n_usable
         rungs = sorted(self._rungs, key=lambda rung: abs(math.log((n + 1) / (rung[0] + 1))))

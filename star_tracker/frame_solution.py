@@ -3,14 +3,15 @@
 import time
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from star_tracker.attitude.attitude import Attitude
+from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.escalation import Verdict
 from star_tracker.identification.labels import LABEL, Identification
 from star_tracker.identification.search import Limits
-from star_tracker.identification.searcher import METHODS, Searcher, Task
+from star_tracker.identification.searcher import METHODS, Sample, Searcher, Task
 from star_tracker.identification.setup import Setup
 from star_tracker.solution import Solution, SolveSettings, Status, frozen
 
@@ -66,19 +67,36 @@ def received(
             raise ValueError(
                 f"intensities have shape {brightness.shape}: give one for each of {n} centroids"
             )
-    return Task(xy, brightness, np.empty(n, LABEL), started_s, deadline_ms)
+    if n <= settings.max_centroids:
+        return Task(xy, brightness, np.empty(n, LABEL), started_s, deadline_ms)
+    finite = np.flatnonzero(np.isfinite(xy).all(axis=1))
+    rows = _taken(finite, brightness, settings.max_centroids)
+    return Task(
+        xy[rows], brightness[rows] if len(brightness) else brightness,
+        np.empty(len(rows), LABEL), started_s, deadline_ms,
+        Sample(rows, n, len(finite) - len(rows)),
+    )
+
+
+def _taken(rows: NDArray[np.int64], brightness: Floats, room: int) -> NDArray[np.int64]:
+    """Return those rows that the brightest centroids have, or an even sample of them.
+
+    Detectors list centroids by place or by brightness: a sample that is even in their order leaves
+    no part of the image out.
+    """
+    if len(rows) <= room:
+        return rows
+    if len(brightness):
+        value = np.nan_to_num(brightness[rows], nan=-np.inf)
+        return np.sort(rows[np.argsort(-value, kind="stable")[:room]])
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, room).round().astype(np.int64)])
 
 
 def refused(task: Task, searcher: Searcher) -> Solution:
     """Return the solution of a frame that a searcher could not begin."""
-    n, n_given, camera = searcher.n_usable, len(task.xy_px), searcher.camera
+    n, n_given, camera = searcher.n_usable, task.n_given, searcher.camera
     status = Status.BAD_INPUT
-    if searcher.ended == Ended.TOO_MANY:
-        reason = (
-            f"{n} centroids are more than max_centroids {searcher.room}: "
-            "raise the detector's threshold"
-        )
-    elif n_given > 0 and n == 0:
+    if n_given > 0 and n == 0:
         reason = (
             f"all {n_given} centroids are non-finite or outside of the "
             f"{camera.width_px} x {camera.height_px} px image: "
@@ -100,15 +118,16 @@ def judged(task: Task, verdict: Verdict) -> Solution:
 def _unsolved(task: Task, status: Status, reason: str, verdict: Verdict) -> Solution:
     """Return the solution of a frame that has none."""
     return Solution(
-        status, reason, Identification.empty(len(task.xy_px)),
+        status, reason, Identification.empty(task.n_given),
         log10_false_alarms=-verdict.best.score, n_hypotheses=verdict.n_hypotheses,
-        n_ignored=len(task.xy_px) - verdict.best.n_usable, solve_ms=task.elapsed_ms,
+        n_ignored=task.n_ignored(verdict.best.n_usable), n_surplus=task.n_surplus,
+        solve_ms=task.elapsed_ms,
     )
 
 
 def solved(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
     """Return the solution of a labelled frame."""
-    labels, results = task.labels, searcher.results
+    labels, results = task.all_labels, searcher.results
     n_usable, ra, dec, roll, rms_px, scale, variance_px2, scale_variance = results.outcome.item()
     return frozen(
         Solution, status=Status.SOLVED, reason="identified",
@@ -122,8 +141,10 @@ def solved(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
         ),
         method=searcher.method, parity=searcher.camera.parity,
         wrong_probability=searcher.wrong_probability, log10_false_alarms=-searcher.score,
-        rms_px=rms_px, n_hypotheses=n_hypotheses, n_ignored=len(labels) - n_usable,
-        solve_ms=task.elapsed_ms, mode=searcher.mode, told_camera=searcher.camera, scale=scale,
+        rms_px=rms_px, n_hypotheses=n_hypotheses, n_ignored=task.n_ignored(n_usable),
+        n_surplus=task.n_surplus, solve_ms=task.elapsed_ms, mode=searcher.mode,
+        told_camera=searcher.camera, scale=scale,
         focal_length_error=scale_variance**0.5, centroid_sigma_px=variance_px2**0.5,
         catalog=searcher.catalog,
     )
+

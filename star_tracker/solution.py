@@ -48,7 +48,8 @@ class SolveSettings:
         displaced_gate_px: farthest a displaced star may lie from its place; 0 labels none.
         max_log10_false_alarms: accept a hypothesis whose log10 false alarms are below this.
         deadline_ms: give up after this time; infinity never does.
-        max_centroids: refuse a frame with more.
+        max_centroids: of more the brightest are searched, or, where brightness is not known, an
+            even sample.
     """
 
     method: str = "auto"
@@ -95,6 +96,7 @@ class Solution:
         rms_px: root mean square residual of the identified stars, NaN where unsolved.
         n_hypotheses: how many hypotheses were compared.
         n_ignored: centroids left out because they are not finite or lie outside of the image.
+        n_surplus: centroids left out because there are more than `max_centroids`.
         solve_ms: wall-clock time.
         mode: `lost_in_space`, or `tracking` where a predicted attitude led to the solution.
         told_camera: the camera as it was told, of the parity found; None where unsolved.
@@ -116,6 +118,7 @@ class Solution:
     rms_px: float = float("nan")
     n_hypotheses: int = 0
     n_ignored: int = 0
+    n_surplus: int = 0
     solve_ms: float = 0.0
     mode: str = LOST_IN_SPACE
     told_camera: Camera | None = None

@@ -32,8 +32,9 @@ class StarTracker:
         candidates: a second matcher in place of the package's own fallback: a function that
             yields candidates for a field (`fallback.candidates`), as studies compare them.
 
-    Raises ValueError where the camera's distortion cannot be inverted over the image, the
-    catalogue is too dense for the fallback or its ring factors do not divide the rings.
+    With method `auto` the fallback is left out where the catalogue is too dense for it. Raises
+    ValueError where the camera's distortion cannot be inverted over the image, the catalogue is
+    too dense for method `radial_cyclic` or its ring factors do not divide the rings.
     """
 
     def __init__(
@@ -44,6 +45,8 @@ class StarTracker:
         self.camera = camera
         self.settings = s = settings or SolveSettings()
         method = s.method
+        if method == "auto" and candidates is None and not database.patterns_available:
+            method = METHODS[0]
         self._primary = method != METHODS[1]
         # Refuses what cannot work before any frame comes, and builds the fallback's patterns.
         if method != METHODS[0] and candidates is None:
@@ -89,7 +92,7 @@ class StarTracker:
         first.follow(task)
         if first.ended == Ended.SOLVED:  # nearly every frame
             return solved(task, first, first.n_hypotheses)
-        if first.ended in (Ended.TOO_FEW, Ended.TOO_MANY):
+        if first.ended == Ended.TOO_FEW:
             return refused(task, first)
         return judged(task, self._escalation.run(task))
 

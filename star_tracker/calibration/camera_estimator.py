@@ -9,11 +9,15 @@ stars cannot tell keeps its prior: no lens bends without stars that show it.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from star_tracker.attitude.wahba import wahba
 from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
+
+Index = NDArray[np.int64]
 
 #: What is estimated: log of the focal length as a multiple of the first one, and the lens, radial
 #: and tangential (Brown 1966). The principal point stays where it was said to be, as the camera's
@@ -33,7 +37,31 @@ _GATE, _ALL_WRONG = 6.0, 5
 MIN_STARS = 5
 #: Huber's limit of a residual, in standard deviations.
 _HUBER = 2.0
+#: Steps of a fit, and what is so small, in standard deviations, that none more is needed.
+_STEPS, _SMALL_STEP = 5, 0.05
+#: A frame is begun with this part of its stars, the inner ones.
+_INNER = 0.6
+#: A star is looked for within so many standard deviations of where it should be, if that is at
+#: most this part of the mean distance of two centroids: else one in ten that are not seen would
+#: get a wrong one.
+_REACH, _MOST_APART, _ROUNDS = 3.0, 0.18, 8
+#: For derivatives.
 _STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """What a frame and all before it say: values and information (5,) and (5, 5).
+
+    The frame's rotation (3, 3), how its pose gives way to the camera (3, 5), and what is left of
+    its residuals (2 n,), px.
+    """
+
+    values: Floats
+    information: Floats
+    rotation: Floats
+    gain: Floats
+    left: Floats
 
 
 @dataclass(frozen=True)
@@ -97,34 +125,118 @@ class CameraEstimator:
 
         Returns whether it agreed with what is known and was used.
         """
-        if len(xy_px) < MIN_STARS:
+        fit = self._fit(xy_px, star_vectors)
+        return self._take(fit, xy_px, star_vectors)
+
+    def add_frame(
+        self, xy_px: Floats, guides: Floats, seeds: tuple[Index, Index]
+    ) -> tuple[Index, Index] | None:
+        """Take in a frame of which some stars are identified; others are found with them.
+
+        A lens that is not known well keeps most stars away from where they are looked for. Where
+        each may be follows from how well the camera is known, and each that is found makes it
+        better known: the frame is gone through until no more come.
+
+        Args:
+            xy_px: (n, 2) all centroids.
+            guides: (m, 3) unit vectors of the guide stars, ICRS.
+            seeds: identified centroids (k,) and their guide stars (k,).
+
+        Returns the centroids and guide stars that were used, None where the frame disagreed.
+        """
+        observed, catalog = self._inner(xy_px, seeds)
+        fit = self._fit(xy_px[observed], guides[catalog])
+        if fit is None or not self._agrees(fit, xy_px[observed], guides[catalog]):
+            self._take(fit, xy_px[observed], guides[catalog])
+            return None
+        for _ in range(_ROUNDS):
+            found = self._found(fit, xy_px, guides)
+            better = self._fit(xy_px[found[0]], guides[found[1]])
+            if better is None:
+                break
+            same = np.array_equal(found, (observed, catalog))
+            fit, (observed, catalog) = better, found
+            if same:
+                break
+        if not self._take(fit, xy_px[observed], guides[catalog]):
+            return None
+        return observed, catalog
+
+    def _inner(self, xy_px: Floats, seeds: tuple[Index, Index]) -> tuple[Index, Index]:
+        """Return the seeds without the outer ones: a lens that bends gives those wrong stars."""
+        observed, catalog = seeds
+        x, y = (xy_px[observed] - (self._first.cx_px, self._first.cy_px)).T
+        kept = np.argsort(np.hypot(x, y), kind="stable")
+        kept = kept[: max(MIN_STARS, int(np.ceil(_INNER * len(observed))))]
+        return observed[kept], catalog[kept]
+
+    def _take(self, fit: _Fit | None, xy_px: Floats, stars: Floats) -> bool:
+        """Believe in a fit, if it agrees with what is known."""
+        if fit is None:
             self._n_left_out += 1
             return False
-        camera = self._camera(self._values)
-        try:
-            rotation = wahba(camera.vectors(xy_px), star_vectors)
-        except ValueError:  # no ray for a centroid, or stars on one line
-            self._n_left_out += 1
-            return False
-        residual, of_pose, of_camera = self._linearised(xy_px, star_vectors, rotation)
-        sigma = self._sigma_px
-        weight = np.minimum(1.0, _HUBER * sigma / np.maximum(np.abs(residual), 1e-12)) / sigma**2
-        information, gradient = _without_pose(of_pose, of_camera, residual, weight)
-        if not self._agrees(residual, of_pose, of_camera):
+        if not self._agrees(fit, xy_px, stars):
             self._n_left_out += 1
             self._n_wrong_in_a_row += 1
             return False
         self._n_wrong_in_a_row = 0
-        spread = np.linalg.inv(self._information) + np.diag(_WALK**2)
-        self._information = np.linalg.inv(spread) + information
-        step = np.linalg.solve(self._information, gradient)
-        self._values = self._values + step
-        left = residual - of_camera @ step
-        left -= of_pose @ np.linalg.lstsq(of_pose, left, rcond=None)[0]
-        self._squares += float(np.sum(np.minimum(np.abs(left), _HUBER * sigma) ** 2))
-        self._freedom += max(len(residual) - 3, 1)
+        self._information, self._values = fit.information, fit.values
+        limit = _HUBER * self._sigma_px
+        self._squares += float(np.sum(np.minimum(np.abs(fit.left), limit) ** 2))
+        self._freedom += max(len(fit.left) - 3, 1)
         self._n_frames += 1
         return True
+
+    def _fit(self, xy_px: Floats, stars: Floats) -> _Fit | None:
+        """Fit the camera to a frame and to what is known: Gauss and Newton, residuals bounded.
+
+        None for too few stars, stars on one line, or centroids without a ray.
+        """
+        if len(xy_px) < MIN_STARS:
+            return None
+        spread = np.linalg.inv(self._information) + np.diag(_WALK**2)
+        known, values = np.linalg.inv(spread), self._values
+        for _ in range(_STEPS):
+            try:
+                rotation = wahba(self._camera(values).vectors(xy_px), stars)
+            except ValueError:
+                return None
+            residual, of_pose, of_camera = self._linearised(values, xy_px, stars, rotation)
+            weight = self._weights(residual)
+            information, gradient, gain = _without_pose(of_pose, of_camera, residual, weight)
+            information = known + information
+            step = np.linalg.solve(information, gradient - known @ (values - self._values))
+            values = values + step
+            if step @ information @ step < _SMALL_STEP**2:
+                break
+        left = residual - of_camera @ step
+        left -= of_pose @ np.linalg.lstsq(of_pose, left, rcond=None)[0]
+        return _Fit(values, information, rotation, gain, left)
+
+    def _weights(self, residual: Floats) -> Floats:
+        """Return the weights of residuals (n,): those that are too large count less."""
+        sigma = self._sigma_px
+        size = np.maximum(np.abs(residual), 1e-12)
+        return np.asarray(np.minimum(1.0, _HUBER * sigma / size) / sigma**2)
+
+    def _found(self, fit: _Fit, xy_px: Floats, guides: Floats) -> tuple[Index, Index]:
+        """Return centroids and guide stars that are each other's nearest, near enough."""
+        camera = self._camera(fit.values)
+        ahead = np.flatnonzero(guides @ fit.rotation[:, 2] > np.cos(camera.radius_rad))
+        inside = ahead[camera.contains(camera.pixels(guides[ahead] @ fit.rotation))]
+        if len(inside) == 0:
+            return inside, inside
+        at, of_pose, of_camera = self._moves(fit.values, guides[inside] @ fit.rotation)
+        with_pose = of_camera - of_pose @ fit.gain
+        spread = np.linalg.inv(fit.information)
+        variance = np.einsum("ij,jk,ik->i", with_pose, spread, with_pose).reshape(-1, 2)
+        gate = _REACH * np.sqrt(self._sigma_px**2 + variance.max(axis=1))
+        area = camera.width_px * camera.height_px
+        gate[gate > _MOST_APART * np.sqrt(area / len(xy_px))] = 0.0
+        apart, nearest = cKDTree(xy_px).query(at)
+        back = cKDTree(at).query(xy_px)[1]
+        good = (apart < gate) & (back[nearest] == np.arange(len(inside)))
+        return nearest[good], inside[good]
 
     @property
     def _sigma_px(self) -> float:
@@ -142,11 +254,15 @@ class CameraEstimator:
         )
 
     def _linearised(
-        self, xy_px: Floats, stars: Floats, rotation: Floats
+        self, values: Floats, xy_px: Floats, stars: Floats, rotation: Floats
     ) -> tuple[Floats, Floats, Floats]:
         """Return the residuals (2 n,), px, and what moves the predictions: pose and camera."""
-        in_camera = stars @ rotation
-        camera = self._camera(self._values)
+        at, of_pose, of_camera = self._moves(values, stars @ rotation)
+        return (xy_px - at).ravel(), of_pose, of_camera
+
+    def _moves(self, values: Floats, in_camera: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return where directions (n, 3) are seen (n, 2), and what moves that, (2 n, ...)."""
+        camera = self._camera(values)
         at = camera.pixels(in_camera)
         of_pose = []
         for axis in np.eye(3):
@@ -154,14 +270,15 @@ class CameraEstimator:
             of_pose.append(((turned - at) / _STEP).ravel())
         of_camera = []
         for i in range(len(PARAMETERS)):
-            values = self._values.copy()
-            values[i] += _STEP
-            moved = self._camera(values).pixels(in_camera)
-            of_camera.append(((moved - at) / _STEP).ravel())
-        return (xy_px - at).ravel(), np.column_stack(of_pose), np.column_stack(of_camera)
+            moved = values.copy()
+            moved[i] += _STEP
+            of_camera.append(((self._camera(moved).pixels(in_camera) - at) / _STEP).ravel())
+        return at, np.column_stack(of_pose), np.column_stack(of_camera)
 
-    def _agrees(self, residual: Floats, of_pose: Floats, of_camera: Floats) -> bool:
-        """Return whether a frame fits the camera as well as its uncertainty allows."""
+    def _agrees(self, fit: _Fit, xy_px: Floats, stars: Floats) -> bool:
+        """Return whether a frame fits the camera believed as well as its uncertainty allows."""
+        rotation = wahba(self._camera(self._values).vectors(xy_px), stars)
+        residual, of_pose, of_camera = self._linearised(self._values, xy_px, stars, rotation)
         spread = np.linalg.inv(self._information)
         expected = self._sigma_px**2 + np.einsum("ij,jk,ik->i", of_camera, spread, of_camera)
         left = residual - of_pose @ np.linalg.lstsq(of_pose, residual, rcond=None)[0]
@@ -175,11 +292,14 @@ def _is_brown(lens: Distortion) -> bool:
 
 def _without_pose(
     of_pose: Floats, of_camera: Floats, residual: Floats, weight: Floats
-) -> tuple[Floats, Floats]:
-    """Return the information about the camera and the gradient, the pose eliminated (Schur)."""
+) -> tuple[Floats, Floats, Floats]:
+    """Return the information about the camera and the gradient, the pose eliminated (Schur).
+
+    And the gain (3, ...), by which the pose gives way to a change of the camera.
+    """
     pose_weighted = of_pose * weight[:, None]
     own, shared = pose_weighted.T @ of_pose, pose_weighted.T @ of_camera
     gain = np.linalg.solve(own, shared)
     information = (of_camera * weight[:, None]).T @ of_camera - shared.T @ gain
     gradient = of_camera.T @ (weight * residual) - gain.T @ (pose_weighted.T @ residual)
-    return 0.5 * (information + information.T), gradient
+    return 0.5 * (information + information.T), gradient, gain

@@ -1,5 +1,6 @@
 """A tracker that learns its camera: told, told within a tolerance, or not told at all."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,22 +14,34 @@ from star_tracker.calibration.camera_estimator import (
     CameraEstimate,
     CameraEstimator,
 )
+from star_tracker.calibration.second_opinion import SecondOpinion, is_doubtful
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.ladder import LadderStep
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.searcher import METHODS
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings, Status
 from star_tracker.tracker import StarTracker
 
 #: Where the stars of a single frame tell a camera, its focal length is believed this well at
 #: least, relative: what the lens bends is not known yet.
-_LEAST_DOUBT = 0.005
+_LEAST_DOUBT, _MOST_DOUBT = 0.005, 0.1
+#: And a lens that bends by k1 = 0.15 shows another focal length: by half of that in the corners.
+_BEND = 0.075
 #: A tracker is made anew where the camera's rays have moved by more than this in the image, px.
 _MOVED_PX = 0.25
 #: A frame is gone through so often, at the most, while the camera found in it explains more stars.
 _ROUNDS = 4
-#: After so many frames in a row without a solution a told camera is no longer taken at its word.
+#: The camera learns from each of the first so many solved frames, and then from one in so many:
+#: going through a frame takes 20 ms. Where one disagrees the next one is gone through too.
+_EACH, _ONE_IN = 10, 10
+#: After so many frames in a row without a solution a told camera is no longer believed; and each
+#: time that so many more have gone by, one is worth a longer search.
 _PATIENCE = 10
+#: The first frames in a row without a good solution are looked at, for what would help.
+_FIRST_LOOKS = 2
+#: The share of a deadline that the believed camera has where another search may follow.
+_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -52,7 +65,15 @@ class _Belief:
     tracker: StarTracker
     learns: bool
     estimator: CameraEstimator | None
-    n_unsolved: int = 0
+    second_opinion: SecondOpinion | None = None
+    n_solved: int = 0
+    agreed: bool = True
+
+    @property
+    def learns_from_it(self) -> bool:
+        """Whether the frame that was just solved is one of those that the camera learns from."""
+        n = self.n_solved
+        return n <= _EACH or n % _ONE_IN == 0 or not self.agreed
 
 
 class LearningTracker:
@@ -65,13 +86,16 @@ class LearningTracker:
     Args:
         sources: where the guide stars come from.
         camera: the camera as told; None where its field of view is not known. Without a tolerance
-            it is taken at its word, and nothing is learnt.
+            it is taken at its word, nothing is learnt, and `hint` says where the stars disagree.
         settings: tolerances, thresholds and limits.
         parity: where the camera is not told.
+
+    Raises ValueError for method `radial_cyclic` without a camera, and as `StarTracker`.
 
     Attributes:
         camera: as believed now, None where none was found yet.
         news: sentences about what was found since it was last emptied, for a log.
+        hint: what would solve the last frame, or solve it better; empty where that is not known.
     """
 
     def __init__(
@@ -79,10 +103,17 @@ class LearningTracker:
         parity: str = "auto",
     ) -> None:
         self.settings = settings or SolveSettings()
+        if camera is None and self.settings.method == METHODS[1]:
+            raise ValueError(
+                f"method {METHODS[1]} cannot find out a field of view: tell it, or set method to "
+                "auto"
+            )
         self._sources, self._parity = sources, parity if camera is None else camera.parity
         self._told = camera
         self._ladder: AnyCameraTracker | None = None
         self.news: list[str] = []
+        self.hint = ""
+        self._n_doubtful = 0
         self._belief = None if camera is None else self._trust(camera)
 
     @property
@@ -110,39 +141,83 @@ class LearningTracker:
         deadline_ms: float | None = None,
     ) -> Solution:
         """Identify centroids (n, 2), pixels; see `StarTracker.solve`."""
-        started_s = time.perf_counter()
-        deadline_ms = self.settings.deadline_ms if deadline_ms is None else deadline_ms
-        solution = None
-        if self._belief is not None:
-            solution = self._belief.tracker.solve(
-                xy_px, intensity, predicted=predicted,
-                deadline_ms=self._share(self._belief) * deadline_ms,
-            )
-            if solution.status is Status.SOLVED:
-                self._learn(self._belief, solution, xy_px)
-                return solution
-            if not self._may_search(self._belief, solution):
-                return solution
-        left_ms = deadline_ms - 1e3 * (time.perf_counter() - started_s)
-        if left_ms <= 0 and solution is not None:
-            return solution
+        if deadline_ms is None:
+            deadline_ms = self.settings.deadline_ms
+        stop_s = time.perf_counter() + deadline_ms / 1e3
+        self.hint, belief = "", self._belief
+        if belief is None:
+            return self._searched(xy_px, intensity, None, stop_s)
+        share = _SHARE if belief.learns or self._looks_next else 1.0
+        solution = belief.tracker.solve(
+            xy_px, intensity, predicted=predicted, deadline_ms=share * deadline_ms
+        )
+        self._count(solution)
+        if solution.status is Status.SOLVED:
+            self._learn(belief, solution, xy_px)
+        elif belief.learns and self._n_doubtful >= self._patience:
+            solution = self._searched(xy_px, intensity, solution, stop_s)
+        if self._looks:
+            self._ask(belief, xy_px, intensity, solution, stop_s)
+        return solution
+
+    @property
+    def at_a_loss(self) -> bool:
+        """Whether the next frame is worth a longer search: none of the last ones was solved."""
+        return self._n_doubtful >= _PATIENCE and (self._n_doubtful + 1) % _PATIENCE == 0
+
+    @property
+    def _patience(self) -> int:
+        """After how many frames in a row without a solution the camera is looked for anew."""
+        return 1 if self._told is None else _PATIENCE
+
+    @property
+    def _looks(self) -> bool:
+        """Whether it is asked what would help with the last frame."""
+        n = self._n_doubtful
+        return 0 < n <= _FIRST_LOOKS or (n > 0 and n % _PATIENCE == 0)
+
+    @property
+    def _looks_next(self) -> bool:
+        """Whether it will be asked for the next frame, if that ends as the last one did."""
+        n = self._n_doubtful
+        return 0 < n < _FIRST_LOOKS or (n > 0 and (n + 1) % _PATIENCE == 0)
+
+    def _count(self, solution: Solution) -> None:
+        if is_doubtful(solution):
+            self._n_doubtful += 1
+        elif solution.status is Status.SOLVED:
+            self._n_doubtful = 0
+
+    def _searched(
+        self, xy_px: ArrayLike, intensity: ArrayLike | None, before: Solution | None,
+        stop_s: float,
+    ) -> Solution:
+        """Search all fields of view, in the time that is left after another search."""
+        left_ms = 1e3 * (stop_s - time.perf_counter())
+        if left_ms <= 0 and before is not None:
+            return before
         found = self._any_camera().solve(xy_px, intensity, deadline_ms=max(left_ms, 1.0))
+        if before is None:
+            self._count(found)
         if found.status is Status.SOLVED:
+            self._n_doubtful = 0
             return self._adopt(found, xy_px, intensity)
-        return solution or found
+        return before or found
 
-    def _share(self, belief: _Belief) -> float:
-        """Return the share of a deadline that the believed camera has for itself."""
-        return 0.5 if belief.learns else 1.0
-
-    def _may_search(self, belief: _Belief, solution: Solution) -> bool:
-        """Return whether an unsolved frame may be searched under all fields of view."""
-        if solution.status not in (Status.NO_MATCH, Status.TIMEOUT):
-            return False
-        belief.n_unsolved += 1
-        if not belief.learns:
-            return False
-        return self._told is None or belief.n_unsolved >= _PATIENCE
+    def _ask(
+        self, belief: _Belief, xy_px: ArrayLike, intensity: ArrayLike | None,
+        solution: Solution, stop_s: float,
+    ) -> None:
+        """Ask in the time that is left whether the camera is another one than was told."""
+        if self._told is None or (belief.learns and self._parity == "auto"):
+            return
+        if belief.second_opinion is None:
+            belief.second_opinion = SecondOpinion(
+                belief.tracker.database, belief.camera, self.settings
+            )
+        left_ms = 1e3 * (stop_s - time.perf_counter())
+        if left_ms > 0:
+            self.hint = belief.second_opinion.hint(xy_px, intensity, solution, left_ms)
 
     def _any_camera(self) -> AnyCameraTracker:
         if self._ladder is None:
@@ -189,31 +264,31 @@ class LearningTracker:
         self, belief: _Belief, solution: Solution, xy_px: ArrayLike, *, at_once: bool = False
     ) -> None:
         """Take in what a solved frame tells about the camera."""
-        belief.n_unsolved = 0
         if not belief.learns or solution.catalog is None:
             return
         if belief.camera.parity == "auto":  # the parity is settled by the first frame
             self._belief = belief = self._trust(_believed(solution))
-        estimator = belief.estimator
+        belief.n_solved += 1
         which = solution.identification.identified
-        if estimator is None or len(which) < MIN_STARS:
+        if belief.estimator is None or len(which) < MIN_STARS:
             return
-        index = solution.identification.catalog_index[which]
-        estimator.add(np.asarray(xy_px, float)[which], solution.catalog.vectors[index])
-        if estimator.optics_changed:
+        if not (at_once or belief.learns_from_it):
+            return
+        seeds = which, solution.identification.catalog_index[which].astype(np.int64)
+        used = belief.estimator.add_frame(
+            np.asarray(xy_px, float), solution.catalog.vectors, seeds
+        )
+        belief.agreed = used is not None
+        if belief.estimator.optics_changed:
             self.news.append(
                 "the camera is no longer the one that was found: it is looked for again"
             )
             self._belief = None
             return
-        n = estimator.estimate.n_frames
-        if (at_once or n <= 10 or n % 10 == 0) and _moved_px(
-            belief.tracker.camera, estimator.estimate.camera
-        ) > _MOVED_PX:
-            belief.camera = estimator.estimate.camera
-            belief.tracker = StarTracker(
-                belief.tracker.database, belief.camera, self.settings
-            )
+        camera = belief.estimator.estimate.camera
+        if _moved_px(belief.tracker.camera, camera) > _MOVED_PX:
+            belief.camera = camera
+            belief.tracker = StarTracker(belief.tracker.database, camera, self.settings)
 
 
 def _believed(solution: Solution) -> Camera:
@@ -221,8 +296,9 @@ def _believed(solution: Solution) -> Camera:
     camera = solution.camera
     if camera is None:
         raise ValueError("an unsolved frame tells no camera")
-    doubt = max(3 * solution.focal_length_error, _LEAST_DOUBT)
-    return replace(camera, tolerance_percent=100 * min(doubt, 0.1))
+    corner = math.tan(min(camera.radius_rad, math.radians(80.0)))
+    doubt = max(3 * solution.focal_length_error, _LEAST_DOUBT, _BEND * corner**2)
+    return replace(camera, tolerance_percent=100 * min(doubt, _MOST_DOUBT))
 
 
 def _moved_px(before: Camera, after: Camera) -> float:

@@ -12,7 +12,6 @@ class Ended(IntEnum):
         CERTAIN: the best pose is certain.
         SOLVED: the frame is labelled.
         TOO_FEW: fewer than `MIN_STARS` usable centroids.
-        TOO_MANY: more centroids than there is room for.
         NO_ROTATION: the predicted pose is no rotation.
         AMBIGUOUS: the best pose is good enough, and so is another.
     """
@@ -22,9 +21,8 @@ class Ended(IntEnum):
     CERTAIN = 2
     SOLVED = 3
     TOO_FEW = 4
-    TOO_MANY = 5
-    NO_ROTATION = 6
-    AMBIGUOUS = 7
+    NO_ROTATION = 5
+    AMBIGUOUS = 6
 
 
 #: Fewer stars than this fit some guide stars by chance too often to be told apart from truth.

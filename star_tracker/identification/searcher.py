@@ -2,8 +2,9 @@
 
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from star_tracker.catalogue.catalog import StarCatalog
@@ -12,6 +13,7 @@ from star_tracker.identification import verbs
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.engine import Results
 from star_tracker.identification.fallback import Candidate, StarField
+from star_tracker.identification.labels import LABEL
 from star_tracker.optics.camera import Camera
 
 #: How a solution was come by: with no prior knowledge, or from a predicted attitude.
@@ -20,16 +22,31 @@ LOST_IN_SPACE, TRACKING = MODES = ("lost_in_space", "tracking")
 METHODS = ("match_group", "radial_cyclic")
 
 
+class Sample(NamedTuple):
+    """Which of too many centroids are searched.
+
+    Attributes:
+        rows: (n,) where they stand among those that were given.
+        n_given: how many were given.
+        n_surplus: how many are finite and left out.
+    """
+
+    rows: NDArray[np.int64]
+    n_given: int
+    n_surplus: int
+
+
 @dataclass(slots=True)
 class Task:
     """One frame on its way.
 
     Attributes:
-        xy_px: (n, 2) centroids.
+        xy_px: (n, 2) centroids that are searched.
         intensity: (n,), or (0,) where they are not known.
         labels: (n,) of `labels.LABEL`, which the engine writes.
         started_s: `time.perf_counter` of its coming.
         deadline_ms: the time that it has.
+        sample: which they are of those that were given; None where all are searched.
     """
 
     xy_px: Floats
@@ -37,6 +54,31 @@ class Task:
     labels: NDArray[Any]
     started_s: float
     deadline_ms: float
+    sample: Sample | None = None
+
+    @property
+    def n_given(self) -> int:
+        """How many centroids were given."""
+        return len(self.xy_px) if self.sample is None else self.sample.n_given
+
+    @property
+    def n_surplus(self) -> int:
+        """How many are finite and are not searched, as they are too many."""
+        return 0 if self.sample is None else self.sample.n_surplus
+
+    def n_ignored(self, n_usable: int) -> int:
+        """Return how many are neither usable nor too many."""
+        return self.n_given - self.n_surplus - n_usable
+
+    @property
+    def all_labels(self) -> NDArray[Any]:
+        """Labels (n_given,), blank for centroids that are not searched."""
+        if self.sample is None:
+            return self.labels
+        labels = np.empty(self.n_given, LABEL)
+        verbs.blank(labels)
+        labels[self.sample.rows] = self.labels
+        return labels
 
     @property
     def deadline_s(self) -> float:
@@ -117,11 +159,6 @@ class Searcher:
     def rotation(self) -> Floats:
         """The rotation (3, 3) of the best pose."""
         return self.results.rotation
-
-    @property
-    def room(self) -> int:
-        """How many centroids a frame may have."""
-        return len(self.results.vectors)
 
     @property
     def n_usable(self) -> int:

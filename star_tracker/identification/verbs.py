@@ -32,14 +32,12 @@ _TRACKING_PX = 12.0
 
 @compiled
 def begin(engine: Any, xy_px: Floats, intensity: Floats) -> int:
-    """Take in centroids (m, 2) and intensities (m,) or (0,); MORE, TOO_FEW or TOO_MANY."""
+    """Take in centroids (m, 2) and intensities (m,) or (0,); MORE or TOO_FEW."""
     frame = engine.frame
     fill_frame(frame, engine.sky.optics, xy_px, intensity)
     engine.outcome[0].n_usable = frame.n
     forget(engine.progress[0])
-    if frame.n < MIN_STARS:
-        return Ended.TOO_FEW
-    return Ended.TOO_MANY if frame.n > len(frame.row) else Ended.MORE
+    return Ended.TOO_FEW if frame.n < MIN_STARS else Ended.MORE
 
 
 @compiled

@@ -26,8 +26,8 @@ from star_tracker.nodes.declaring import (
     no_such_parameter,
     unknown_parameters,
 )
+from star_tracker.nodes.identify.camera_report import camera_report
 from star_tracker.nodes.identify.earth import EarthOutput
-from star_tracker.nodes.identify.focal_length_follower import FocalLengthFollower
 from star_tracker.nodes.identify.frame_solver import Answer, FrameSolver
 from star_tracker.nodes.identify.health import DiagnosticsPublisher
 from star_tracker.nodes.identify.intake import IncomingFrame, Intake
@@ -76,7 +76,6 @@ class IdentifyNode(Node):
         self._solver: FrameSolver | None = None
         self._starting: Starting | None = Starting(self)
         self._journal = Journal(self)
-        self._follower = FocalLengthFollower(self, p.calibrate_focal_length)
         with overrides_checked():
             self._outputs = Outputs(self, p.reference_frame, p.camera_frame)
             self._intake = Intake(self, lambda: self._setup, self._identify, self._reject)
@@ -121,7 +120,7 @@ class IdentifyNode(Node):
 
     def _apply(self, setup: SolverSetup, database: FeatureDatabase) -> None:
         """Work with this setup from now on. Raises ValueError and keeps the one before."""
-        self._solver = FrameSolver(setup, database, self._follower)
+        self._solver = FrameSolver(setup, database)
         self._setup = setup
         starting, self._starting = self._starting, None
         if database.cache_note and not (starting and starting.warned):
@@ -136,6 +135,8 @@ class IdentifyNode(Node):
             f"{setup.camera_source}, parity {setup.parameters.parity}, "
             f"configuration {setup.digest}{waited}"
         )
+        if setup.settings.method == "auto" and database.patterns_note:
+            self.get_logger().info(f"no fallback: {database.patterns_note}")
         self._intake.open()
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -214,7 +215,6 @@ class IdentifyNode(Node):
         """Yield what /diagnostics carries."""
         health = self._journal.health
         health.n_dropped = self._intake.n_dropped
-        camera = None if self._solver is None else self._solver.camera
         level, message, values = health.report(self._journal.rejected, time.monotonic())
         if self._starting is not None:
             level, message = "warn", self._starting.sentence
@@ -222,20 +222,19 @@ class IdentifyNode(Node):
             "catalog": self._solver.catalog.description if self._solver else None,
             "configuration": self._setup.digest,
             "version": package_version(),
-            "fov_deg": None if camera is None else f"{camera.fov_deg:.6g}",
         }
         if self._earth is not None:
             values["without_earth_attitude"] = self._earth.n_refused
         # Without the first slash, of which the diagnostics' aggregator would make a blank.
         name = self.get_fully_qualified_name().lstrip("/")
         hardware = self._setup.parameters.camera_frame or self._journal.frame_id
-        for status in (
-            status_from_health(f"{name}: health", level, message, values),
-            self._follower.status(name),
-        ):
-            if status is not None:
-                status.hardware_id = hardware or name
-                yield status
+        reports = {"health": (level, message, values)}
+        if self._solver is not None:
+            reports["camera"] = camera_report(self._solver.tracker)
+        for kind, report in reports.items():
+            status = status_from_health(f"{name}: {kind}", *report)
+            status.hardware_id = hardware or name
+            yield status
 
 
 def main(args: Sequence[str] | None = None) -> int:

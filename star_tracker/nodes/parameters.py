@@ -6,7 +6,6 @@ Ranges and defaults that the core has are the core's.
 from dataclasses import dataclass
 
 from star_tracker.attitude.prediction import PREDICTION_MODES
-from star_tracker.calibration.focal_length import MODES as FOCAL_LENGTH_MODES
 from star_tracker.catalogue.catalog import (
     CATALOGS,
     EPOCH_RANGE,
@@ -122,11 +121,6 @@ class _SolverParameters:
         "accept a solution whose log10 of expected false alarms is below",
         allowed=LOG10_FALSE_ALARMS_RANGE,
     )
-    calibrate_focal_length: str = parameter(
-        "off",
-        "estimate the focal length from solved frames: report it, or apply it to later frames too",
-        choices=FOCAL_LENGTH_MODES, fixed=True,
-    )
     mode: str = parameter(
         "auto", "auto: after a fix try the predicted attitude first; lost_in_space: never",
         choices=PREDICTION_MODES,
@@ -142,7 +136,9 @@ class _SolverParameters:
         "give up on a frame sooner where frames come faster: after 3/4 of the time between two",
     )
     max_centroids: int = parameter(
-        _SOLVE.max_centroids, "refuse a frame with more centroids", allowed=(MIN_STARS, 10000)
+        _SOLVE.max_centroids,
+        "of more centroids the brightest are searched, or an even sample",
+        allowed=(MIN_STARS, 10000),
     )
     queue_depth: int = parameter(
         10, "frames that wait at most; the oldest ones are dropped", allowed=(1, 1000), fixed=True

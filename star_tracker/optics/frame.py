@@ -48,13 +48,11 @@ def empty_frame(vectors: Floats) -> Any:
 def fill_frame(frame: Any, optics: Floats, xy_px: Floats, intensity: Floats) -> None:
     """Take in centroids (m, 2), pixels, and intensities (m,), or (0,) where there are none.
 
-    Centroids that are not finite, outside of the image or without a ray of the lens are left out.
-    Where more are usable than there is room for, they are counted and not taken in.
+    Centroids that are not finite, outside of the image or without a ray of the lens are left out;
+    so are those beyond the room that there is.
     """
     frame.n = _take_usable(frame, optics, xy_px)
     frame.has_brightness, frame.scale = len(intensity) > 0, 1.0
-    if frame.n > len(frame.row):
-        return
     n, vectors, plane_px, row = frame.n, frame.vectors, frame.plane_px, frame.row
     for i in range(n):
         row[i] = i
@@ -95,12 +93,13 @@ def _take_usable(frame: Any, optics: Floats, xy_px: Floats) -> int:
     margin = 0.0 if optics[7] != 0.0 else _OUTSIDE_MARGIN * max(optics[0], optics[1])
     n = 0
     for i in range(len(xy_px)):
+        if n == len(input_row):
+            break
         if in_image(optics, xy_px[i, 0], xy_px[i, 1], margin):
             x, y, exists = plane_of_pixel(optics, xy_px[i, 0], xy_px[i, 1])
             if exists:
-                if n < len(input_row):
-                    points[n, 0], points[n, 1] = x, y
-                    input_row[n], key[n] = i, x
+                points[n, 0], points[n, 1] = x, y
+                input_row[n], key[n] = i, x
                 n += 1
     return n
 

@@ -17,6 +17,9 @@ from star_tracker.maps.simulation import Condition
 from star_tracker.optics.camera import Camera
 from star_tracker.study.scenes import Scene, Sky
 
+#: Highest over lowest field of view of a range that counts as one: 1 % either way.
+ONE_SIZE = 1.021
+
 
 @dataclass(frozen=True)
 class Told:
@@ -35,6 +38,15 @@ class Told:
     fov_range_deg: tuple[float, float]
     noise_px: float
     deadline_ms: float
+
+    @property
+    def fov_tolerance_percent(self) -> float:
+        """How far the field of view may be off, 0 where it is told to 1 %: that is exact."""
+        low, high = self.fov_range_deg
+        if high <= ONE_SIZE * low:
+            return 0.0
+        told_deg = self.camera.fov_deg
+        return 100 * max(high / told_deg - 1, 1 - low / told_deg)
 
     @classmethod
     def of(cls, sky: Sky, camera: Camera, condition: Condition, deadline_ms: float) -> "Told":

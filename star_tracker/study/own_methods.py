@@ -1,11 +1,17 @@
 """Our own methods as contestants."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
+from star_tracker.any_camera import AnyCameraTracker
 from star_tracker.catalogue.database import MAX_PATTERN_STARS, FeatureDatabase
+from star_tracker.catalogue.ladder import LadderStep, ladder
 from star_tracker.identification.searcher import METHODS
+from star_tracker.maps.simulation import Condition
+from star_tracker.optics.camera import MOST_TOLERANCE_PERCENT
 from star_tracker.solution import Solution, SolveSettings
 from star_tracker.study.contestants import Answer, Contestant, Entrant, Told
+from star_tracker.study.scenes import Sky
 from star_tracker.tracker import StarTracker
 
 
@@ -13,7 +19,8 @@ from star_tracker.tracker import StarTracker
 class OwnMethod(Contestant):
     """A method of this package with its default settings: `match_group`, `radial_cyclic`, `auto`.
 
-    Raises ValueError for a method that does not exist.
+    A field of view that may be wrong is told with its tolerance, as a user would. Raises
+    ValueError for a method that does not exist.
     """
 
     method: str = "auto"
@@ -33,8 +40,19 @@ class OwnMethod(Contestant):
         """How it is set up, in words."""
         return f"method {self.method}, default settings, {self.told_brightness()}"
 
+    def declines(self, condition: Condition) -> str:
+        """Return why it cannot take part under a condition; empty where it can."""
+        return "" if self.finds_camera else super().declines(condition)
+
+    @property
+    def finds_camera(self) -> bool:
+        """Whether it can find out a field of view that is not told."""
+        return self.method != METHODS[1]
+
     def set_up(self, told: Told) -> Entrant:
         """Make it ready for a camera."""
+        if self.finds_camera and told.fov_tolerance_percent > MOST_TOLERANCE_PERCENT:
+            return self._for_any_camera(told)
         database = told.sky.database()
         tracker = self.tracker(database, told)
         return Entrant(
@@ -49,13 +67,38 @@ class OwnMethod(Contestant):
         settings = SolveSettings(
             method=METHODS[0] if dense else self.method, deadline_ms=told.deadline_ms
         )
-        return StarTracker(database, told.camera, settings)
+        tolerance = told.fov_tolerance_percent if self.finds_camera else 0.0
+        camera = replace(told.camera, tolerance_percent=tolerance)
+        return StarTracker(database, camera, settings)
+
+    def _for_any_camera(self, told: Told) -> Entrant:
+        """Make it ready for a camera of a wide range, or any, field of view."""
+        camera = told.camera
+        steps = _ladder(told.fov_range_deg, (camera.width_px, camera.height_px), told.sky)
+        settings = SolveSettings(method=METHODS[0], deadline_ms=told.deadline_ms)
+        tracker = AnyCameraTracker(steps, settings, parity=camera.parity)
+        return Entrant(
+            lambda scene: (scene.xy_px, scene.intensity if self.brightness else None),
+            lambda given: tracker.solve(*given),
+            # Its numbers are those of the catalogue of a step, not of the sky's.
+            lambda solution: replace(_answer(solution), catalog_index=None),
+            sum(step.database.nbytes for step in steps),
+        )
 
     def _storage_bytes(self, database: FeatureDatabase) -> int:
         size = 0 if self.method == METHODS[1] else database.pairs.nbytes
         if self.method == METHODS[0] or len(database.catalog) > MAX_PATTERN_STARS:
             return size
         return size + database.patterns.packed.nbytes
+
+
+@cache
+def _ladder(
+    fov_range_deg: tuple[float, float], size_px: tuple[int, int], sky: Sky
+) -> tuple[LadderStep, ...]:
+    """Return the databases for a range of fields of view, once in each process."""
+    catalog = "paper" if sky.limiting_magnitude is None else "hipparcos"
+    return ladder(fov_range_deg, size_px, catalog=catalog)
 
 
 def _answer(solution: Solution) -> Answer:

@@ -163,6 +163,11 @@ class PaperForm(OwnMethod):
         """How it is set up, in words."""
         return f"method {self.method} as the paper has it, in numpy, {self.told_brightness()}"
 
+    @property
+    def finds_camera(self) -> bool:
+        """The paper takes the focal length as known."""
+        return False
+
     def tracker(self, database: FeatureDatabase, told: Told) -> StarTracker:
         """Return a tracker whose candidates come from the paper's form alone."""
         settings = SolveSettings(method=METHODS[1], deadline_ms=told.deadline_ms)

@@ -22,9 +22,6 @@ from star_tracker.optics.camera import Camera
 from star_tracker.study.contestants import Answer, Contestant, Entrant, Told
 from star_tracker.study.scenes import Scene, Sky
 
-#: Highest over lowest field of view of a range that patterns of one size cover: 1 % either way.
-_ONE_SIZE = 1.021
-
 
 @dataclass(frozen=True)
 class Tetra3(Contestant):
@@ -59,7 +56,7 @@ class Tetra3(Contestant):
     def set_up(self, told: Told) -> Entrant:
         """Make it ready for a camera."""
         camera, (low, high) = told.camera, told.fov_range_deg
-        one_size = high <= _ONE_SIZE * low
+        one_size = told.fov_tolerance_percent == 0
         database, size = _tetra3_database(
             told.sky, (camera.fov_deg,) * 2 if one_size else (low, high), self.pattern_max_error,
             self.patterns_per_field,

@@ -171,13 +171,11 @@ def test_too_few_stars(any_tracker, n):
     assert solution.reason == f"{n} stars, at least 4 are needed"
 
 
-def test_too_many_centroids(steps):
-    tracker = AnyCameraTracker(steps, SolveSettings(max_centroids=10))
-    solution = tracker.solve(np.random.default_rng(1).random((11, 2)) * 512)
-    assert_unsolved(solution, Status.BAD_INPUT, 11)
-    assert solution.reason == (
-        "11 centroids are more than max_centroids 10: raise the detector's threshold"
-    )
+def test_of_too_many_centroids_a_sample_is_searched(steps):
+    tracker = AnyCameraTracker(steps, SolveSettings(max_centroids=10, deadline_ms=math.inf))
+    solution = tracker.solve(np.random.default_rng(1).random((31, 2)) * 512)
+    assert_unsolved(solution, Status.NO_MATCH, 31)
+    assert (solution.n_surplus, solution.n_ignored) == (21, 0)
 
 
 def test_a_frame_without_any_usable_centroid_is_bad_input(any_tracker):

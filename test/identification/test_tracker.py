@@ -220,12 +220,43 @@ def test_a_frame_without_any_usable_centroid_is_bad_input(tracker, value):
     )
 
 
-def test_a_frame_of_too_many_centroids_is_bad_input(database):
-    tracker = StarTracker(database, CAMERA, SolveSettings(max_centroids=20))
-    solution = tracker.solve(uniform_noise(CAMERA, 21, np.random.default_rng(6)))
-    assert_unsolved(solution, Status.BAD_INPUT, 21)
-    assert solution.reason == (
-        "21 centroids are more than max_centroids 20: raise the detector's threshold"
+def test_of_too_many_centroids_the_brightest_are_searched(database, frame):
+    """The true stars first, by their intensities, and then a crowd of faint false ones."""
+    n, crowd = len(frame.xy_px), uniform_noise(CAMERA, 500, np.random.default_rng(6))
+    tracker = StarTracker(database, CAMERA, SolveSettings(max_centroids=n + 20))
+    order = np.random.default_rng(7).permutation(n + 500)
+    xy = np.concatenate([frame.xy_px, crowd])[order]
+    intensity = np.concatenate([np.full(n, 100.0), np.linspace(1.0, 2.0, 500)])[order]
+    intensity[order == n + 3] = np.nan
+    solution = tracker.solve(xy, intensity)
+    assert solution.status is Status.SOLVED
+    assert (solution.n_surplus, solution.n_ignored) == (480, 0)
+    found = solution.identification
+    assert len(found.catalog_index) == n + 500
+    true = np.full(n + 500, -1)
+    true[:n] = frame.catalog_index
+    np.testing.assert_array_equal(found.catalog_index[order < n], true[order][order < n])
+
+
+def test_of_too_many_centroids_without_brightness_an_even_sample_is_searched(database, frame):
+    """Each centroid twice, side by side: every second one is as good as all."""
+    n = len(frame.xy_px)
+    tracker = StarTracker(database, CAMERA, SolveSettings(max_centroids=n))
+    xy = np.concatenate([np.repeat(frame.xy_px, 2, axis=0), np.full((3, 2), np.nan)])
+    solution = tracker.solve(xy)
+    assert solution.status is Status.SOLVED
+    assert (solution.n_surplus, solution.n_ignored) == (n, 3)
+    assert len(solution.identification.state) == 2 * n + 3
+
+
+def test_those_that_are_not_finite_take_no_room(database, frame):
+    n = len(frame.xy_px)
+    tracker = StarTracker(database, CAMERA, SolveSettings(max_centroids=n))
+    solution = tracker.solve(np.concatenate([np.full((50, 2), np.inf), frame.xy_px]))
+    assert solution.status is Status.SOLVED
+    assert (solution.n_surplus, solution.n_ignored) == (0, 50)
+    np.testing.assert_array_equal(
+        solution.identification.catalog_index[50:], frame.catalog_index
     )
 
 

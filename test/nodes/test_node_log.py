@@ -6,7 +6,7 @@ from ros_helpers import frame_of, new_header
 from test_node_health import MAP1, health, identify_client, map1, name_of
 
 from star_tracker.maps.simulation import uniform_noise
-from star_tracker.nodes.identify import announcements, hinting
+from star_tracker.nodes.identify import announcements
 
 HINT = "image looks mirrored: parity mirrored solves it"
 
@@ -86,8 +86,7 @@ def test_each_kind_of_complaint_is_said_though_another_was_just_said(capfd):
     assert said[2].startswith("1 centroids are non-finite or outside of the image")
 
 
-def test_every_frame_is_a_line_where_that_is_wanted(capfd, monkeypatch):
-    monkeypatch.setattr(hinting, "_PERIOD_S", 1000.0)
+def test_every_frame_is_a_line_where_that_is_wanted(capfd):
     with identify_client({"log_frames": True}) as client:
         for frame in (map1(), noise(), map1()):
             client.send(frame)

@@ -215,12 +215,12 @@ def test_changes_during_the_building_are_not_lost(slow_building):
 
 def test_a_change_that_is_taken_back_meanwhile_leaves_the_old_database(slow_building):
     with identify_client_before(slow_building) as client:
-        node, old = client.bench.node, client.bench.node._solver.tracker.database
+        node, old = client.bench.node, client.bench.node._solver.database
         assert set_all(node, {"epoch": 2010.0}).successful
         assert set_all(node, {"epoch": 2000.0}).successful
         slow_building.set()
         until_built(client)
-        assert node._solver.tracker.database is old
+        assert node._solver.database is old
         assert node._setup.parameters.epoch == 2000.0
 
 
@@ -228,13 +228,13 @@ def test_parameters_go_back_where_no_database_can_be_built(client, monkeypatch):
     def fail(*_, **__):
         raise ValueError("too many\nguide stars")
 
-    node, old = client.bench.node, client.bench.node._solver.tracker.database
+    node, old = client.bench.node, client.bench.node._solver.database
     with monkeypatch.context() as patch:
         patch.setattr(FeatureDatabase, "cached", fail)
         values = {"catalog": "hipparcos", "fov_deg": 13.0}
         assert set_all(node, values).successful
         until_built(client)
-    assert node._solver.tracker.database is old
+    assert node._solver.database is old
     assert (node.get_parameter("catalog").value, node.get_parameter("fov_deg").value) == (
         "paper", 12.0
     )

@@ -62,7 +62,7 @@ def watched_at(now_s):
     watched = Watched("/left")
     hear(watched, now_s)
     report(watched, now_s)
-    report(watched, now_s, "/left/identify_node: focal length", "WARN", {})
+    report(watched, now_s, "/left/identify_node: camera", "WARN", {})
     return watched
 
 
@@ -172,7 +172,7 @@ health          OK: 93 % of 80 frames solved
 solved          7.500 of 8.000 frames/s, ratio 0.938
 latency         p50 0.900, p95 1.250, max n/a ms
 frames          81, 80 solved, 3 dropped
-focal length    WARN: 93 % of 80 frames solved
+camera          WARN: 93 % of 80 frames solved
 star         x px   y px   RA deg  Dec deg    V res px state
 HIP 32246 1011.12 278.06 100.9830  -5.1311 3.06  0.125 identified
 HIP 35846    7.50  40.25 110.8688 +25.0505 5.04  0.250 identified

@@ -7,12 +7,13 @@ from star_tracker.attitude.prediction import Predictor
 from star_tracker.calibration.learning import LearningTracker
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.nodes.identify.focal_length_follower import FocalLengthFollower
-from star_tracker.nodes.identify.hinting import Hinter
 from star_tracker.nodes.identify.pace import Pace
 from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution
+
+#: Cameras of camera_info whose trackers are kept, 10 MB each.
+_MOST_CAMERAS = 4
 
 
 @dataclass(frozen=True)
@@ -38,24 +39,29 @@ class FrameSolver:
     Args:
         setup: camera, settings and how they are used.
         database: the guide stars and their features.
-        follower: what is known of the focal lengths.
 
     Raises ValueError where database and settings do not fit.
+
+    Attributes:
+        database: as given.
     """
 
-    def __init__(
-        self, setup: SolverSetup, database: FeatureDatabase, follower: FocalLengthFollower
-    ) -> None:
-        self.tracker = setup.tracker(database)
-        self._database, self._told = database, setup.camera
-        self._setup, self._follower = setup, follower
+    def __init__(self, setup: SolverSetup, database: FeatureDatabase) -> None:
+        self._setup, self.database = setup, database
+        self._trackers = {setup.camera: setup.tracker(database)}
+        self._camera = setup.camera
         self._predictor = Predictor(setup.parameters.tracking_max_age_s)
-        self._pace, self._hinter = Pace(), Hinter()
+        self._pace = Pace()
 
     @property
     def catalog(self) -> StarCatalog:
         """The guide stars of frames that were not solved."""
-        return self._database.catalog
+        return self.database.catalog
+
+    @property
+    def tracker(self) -> LearningTracker:
+        """What solved the last frame."""
+        return self._trackers[self._camera]
 
     @property
     def camera(self) -> Camera | None:
@@ -73,57 +79,39 @@ class FrameSolver:
 
         Args:
             centroids: of the frame.
-            camera: that took it, None where it is to be found out.
+            camera: that took it as told, None where it is to be found out.
             stamp_ns: when it was taken.
             received_s: when it was received, s of `time.monotonic`.
         """
-        deadline_ms = self._deadline_ms(received_s)
         p = self._setup.parameters
         if camera is not None and p.use_camera_info and camera.parity != p.parity:
             camera = camera.with_parity(p.parity)  # changed since the camera was announced
-        if camera is None or camera.tolerance_percent > 0:
-            return self._learn(centroids, camera, stamp_ns, deadline_ms)
-        camera = self._follower.camera(camera)
-        if camera != self.tracker.camera:
-            self.tracker = self._setup.tracker(self._database_for(camera), camera)
-        solution = self.tracker.solve(
+        tracker = self._tracker_for(camera)
+        solution = tracker.solve(
             centroids.xy_px, centroids.intensity,
             predicted=self._predictor.predict(stamp_ns) if p.mode == "auto" else None,
-            deadline_ms=self._hinter.search_ms(deadline_ms),
+            deadline_ms=self._deadline_ms(received_s),
         )
         if solution.attitude is not None:
             self._predictor.add(stamp_ns, solution.attitude.quaternion_xyzw)
-        self._follower.learn(camera, solution, centroids.xy_px, self.catalog)
-        hint = self._hinter.hint(self.tracker, centroids.xy_px, solution, deadline_ms)
-        return Answer(solution, camera, hint)
+        news, tracker.news = tuple(tracker.news), []
+        return Answer(solution, solution.camera or tracker.camera, tracker.hint, news)
 
-    def _learn(
-        self, centroids: Centroids, camera: Camera | None, stamp_ns: int, deadline_ms: float
-    ) -> Answer:
-        """Solve a frame of a camera that is learnt."""
-        learns = isinstance(self.tracker, LearningTracker)
-        if not learns or camera != self._told:
-            self.tracker, self._told = self._setup.tracker(self._database, camera), camera
-        predicted = None
-        if self._setup.parameters.mode == "auto":
-            predicted = self._predictor.predict(stamp_ns)
-        solution = self.tracker.solve(
-            centroids.xy_px, centroids.intensity, predicted=predicted, deadline_ms=deadline_ms
-        )
-        if solution.attitude is not None:
-            self._predictor.add(stamp_ns, solution.attitude.quaternion_xyzw)
-        news, self.tracker.news = tuple(self.tracker.news), []
-        return Answer(solution, solution.camera or self.tracker.camera, news=news)
-
-    def _database_for(self, camera: Camera) -> FeatureDatabase:
-        """Return the guide stars for a camera that camera_info tells."""
-        if self._setup.parameters.use_camera_info:
-            self._database = self._setup.database_for(camera)
-        return self._database
+    def _tracker_for(self, camera: Camera | None) -> LearningTracker:
+        """Return the tracker of a camera, with what it has learnt; the oldest one may go."""
+        if camera not in self._trackers:
+            if len(self._trackers) >= _MOST_CAMERAS:
+                self._trackers.pop(next(iter(self._trackers)))
+            self._trackers[camera] = self._setup.tracker(self.database, camera)
+        self._camera = camera
+        return self._trackers[camera]
 
     def _deadline_ms(self, received_s: float) -> float:
-        """Return how long a frame may take: in step with the stream, if `keep_up` says so."""
+        """Return how long a frame may take: in step with the stream, if `keep_up` says so.
+
+        Where nothing is solved nothing is lost: some frames may then take longer.
+        """
         longest_ms = self._setup.settings.deadline_ms
         in_step_ms = self._pace.deadline_ms(received_s, longest_ms)
-        in_step = self._setup.parameters.keep_up and not self._hinter.at_leisure
+        in_step = self._setup.parameters.keep_up and not self.tracker.at_a_loss
         return in_step_ms if in_step else longest_ms

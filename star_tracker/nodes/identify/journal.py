@@ -51,14 +51,23 @@ class Journal:
             self._node.get_logger().info(sentence)
         if solution.status is Status.BAD_INPUT:
             self.refused("bad_centroids", solution.reason)
-        elif solution.n_ignored:
-            self.rejected["ignored_centroids"] += solution.n_ignored
-            text = self._throttle.passed("ignored_centroids", (
-                f"{solution.n_ignored} centroids are non-finite or outside of the image and were "
-                "left out: check the camera's size and the detector"
-            ), time.monotonic())
-            if text:
-                self._node.get_logger().warning(text)
+            return
+        self._left_out("ignored_centroids", solution.n_ignored, (
+            "are non-finite or outside of the image and were left out: check the camera's size "
+            "and the detector"
+        ))
+        self._left_out("surplus_centroids", solution.n_surplus, (
+            "are more than max_centroids and were left out: raise the detector's threshold"
+        ))
+
+    def _left_out(self, kind: str, n: int, why: str) -> None:
+        """Count centroids that were not searched, and say why."""
+        if n == 0:
+            return
+        self.rejected[kind] += n
+        text = self._throttle.passed(kind, f"{n} centroids {why}", time.monotonic())
+        if text:
+            self._node.get_logger().warning(text)
 
     def answered(self, frame: IncomingFrame, answer: Answer, in_log: bool) -> None:
         """Enter a frame that has been answered; each one is a line of the log if it says so."""

@@ -1,6 +1,6 @@
 """What identify_node works with, made of its parameters as a whole."""
 
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -17,7 +17,6 @@ from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.parameters import IdentifyParameters
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings
-from star_tracker.tracker import StarTracker
 
 _DIGEST_LENGTH = 12
 
@@ -139,20 +138,25 @@ class SolverSetup:
 
     def tracker(
         self, database: FeatureDatabase, camera: Camera | None = None
-    ) -> StarTracker | LearningTracker:
+    ) -> LearningTracker:
         """Return a tracker, by default for the camera as told.
+
+        Args:
+            database: guide stars of the camera as told.
+            camera: another one, that camera_info tells.
 
         Raises ValueError where database and settings do not fit.
         """
-        camera = camera or self.camera
-        if camera is not None and camera.tolerance_percent == 0:
-            return StarTracker(database, camera, _usable(self.settings, database))
-        if camera is None and self.parameters.use_camera_info:
-            return StarTracker(database, _TYPICAL, _usable(self.settings, database))
-        return LearningTracker(
-            self.sources(camera), camera, _usable(self.settings, database),
-            parity=self.parameters.parity,
+        if self.parameters.use_camera_info:
+            return LearningTracker(
+                self.sources(camera), camera or _TYPICAL, self.settings,
+                parity=self.parameters.parity,
+            )
+        told, sources = self.camera, self.sources(self.camera)
+        own = Sources(
+            lambda one: database if one == told else self.database_for(one), sources.ladder
         )
+        return LearningTracker(own, told, self.settings, parity=self.parameters.parity)
 
 
 #: Stands for the camera until camera_info has told the true one.
@@ -182,10 +186,3 @@ def _camera(p: IdentifyParameters) -> Camera | None:
         p.fov_deg, p.width_px, p.height_px, parity=p.parity, cx_px=cx_px, cy_px=cy_px,
         tolerance_percent=p.fov_tolerance_percent,
     )
-
-
-def _usable(settings: SolveSettings, database: FeatureDatabase) -> SolveSettings:
-    """Return the settings without a fallback that the catalogue is too dense for."""
-    if settings.method == "auto" and not database.patterns_available:
-        return replace(settings, method=METHODS[0])
-    return settings

@@ -1,0 +1,74 @@
+"""What would solve a frame that a camera, taken at its word, did not solve, or solved badly.
+
+A wrong parity looks like an empty sky. So does a field of view that is off by a few percent, or
+the frame is solved with residuals of many pixels: the search bears much.
+"""
+
+from dataclasses import replace
+
+from numpy.typing import ArrayLike
+
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.identification.searcher import METHODS
+from star_tracker.optics.camera import Camera
+from star_tracker.solution import Solution, SolveSettings, Status
+from star_tracker.tracker import StarTracker
+
+#: The field of view may be so far off, and the parity be either.
+_TOLERANCE_PERCENT = 10.0
+#: What has to be reached: a second opinion is asked again and again where nothing is solved.
+_MAX_LOG10_FALSE_ALARMS = -8.0
+#: Solved frames with smaller residuals need no other camera; a better one at least halves them.
+#: With a field of view that was 4 to 6 % off, the eight maps had 7 to 26 px.
+_BAD_RMS_PX, _BETTER = 2.0, 0.5
+#: A field of view that is this near to the told one is not worth a word, relative.
+_SAME = 2e-3
+
+
+def is_doubtful(solution: Solution) -> bool:
+    """Return whether a frame ended so that the camera may be the reason."""
+    return solution.status in (Status.NO_MATCH, Status.TIMEOUT) or solution.rms_px > _BAD_RMS_PX
+
+
+class SecondOpinion:
+    """Searches the frames of a camera without believing what was told of it.
+
+    Args:
+        database: guide stars and their features.
+        camera: as told.
+        settings: tolerances, thresholds and limits.
+    """
+
+    def __init__(self, database: FeatureDatabase, camera: Camera, settings: SolveSettings) -> None:
+        self._told = camera
+        strict = replace(
+            settings, method=METHODS[0],
+            max_log10_false_alarms=min(_MAX_LOG10_FALSE_ALARMS, settings.max_log10_false_alarms),
+        )
+        doubted = replace(camera, tolerance_percent=_TOLERANCE_PERCENT).with_parity("auto")
+        self._tracker = StarTracker(database, doubted, strict)
+
+    def hint(
+        self, xy_px: ArrayLike, intensity: ArrayLike | None, solution: Solution,
+        deadline_ms: float,
+    ) -> str:
+        """Return what would solve a frame or solve it better, empty where that is not known.
+
+        Args:
+            xy_px: (n, 2) centroids.
+            intensity: (n,), None where they are not known.
+            solution: what became of it.
+            deadline_ms: the time for it.
+        """
+        told = self._told
+        found = self._tracker.solve(xy_px, intensity, deadline_ms=deadline_ms)
+        if found.camera is None or found.rms_px > _BETTER * solution.rms_px:
+            return ""
+        if told.parity not in ("auto", found.parity):
+            return f"image looks mirrored: parity {found.parity} solves it"
+        if abs(found.camera.fov_deg / told.fov_deg - 1) < _SAME:
+            return ""
+        return (
+            f"improves if fov_deg is {found.camera.fov_deg:.2f} instead of {told.fov_deg:.2f}, or "
+            "may be off: fov_tolerance_percent"
+        )
