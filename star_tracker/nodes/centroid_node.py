@@ -15,6 +15,7 @@ from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 
 from msg_adapters.detected_stars import cloud_from_detected
 from msg_adapters.health import status_from_health
+from star_tracker.commands.compile import exercise_detector
 from star_tracker.nodes.centroid.detector import Detection, Detector, IncomingImage
 from star_tracker.nodes.centroid.health import ImageHealth
 from star_tracker.nodes.centroid.parameters import (
@@ -77,7 +78,7 @@ class CentroidNode(Node):
             self.get_logger().warning(sentence)
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._take_over)
-        self._worker = Worker(self._detector.exercise, self._detect, self._pass_on)
+        self._worker = Worker(exercise_detector, self._detect, self._pass_on)
         self.get_logger().info(
             f"stars of {self.resolve_topic_name(self._topic)} become centroids on "
             f"{self._centroids.topic_name}, counted from the first pixel's "

@@ -78,18 +78,6 @@ class Detector:
         kind, trouble = ("", "") if len(stars) else why_empty(picture.pixels)
         return Detection(image, stars, kind, trouble)
 
-    def exercise(self) -> None:
-        """Run all compiled code of the detector once: compile it, or load it from its cache."""
-        rows, columns = np.mgrid[:64, :64]
-        spots = np.zeros((64, 64))
-        # One lone star, one that is saturated, and two that are one spot.
-        for x, y, flux in ((16.3, 15.6, 4e3), (45.2, 18.9, 2e5), (30.0, 45.0, 6e3), (33, 46, 5e3)):
-            spots += flux / 10 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 3.4)
-        noise = np.random.default_rng(0).normal(100.0, 5.0, spots.shape)
-        image = np.clip(spots + noise, 0, 4095).astype(np.uint16)
-        detect_stars(image, self.settings)
-        detect_stars(image, self.settings, bayer="rggb")
-
 
 def why_empty(pixels: NDArray[Any]) -> tuple[str, str]:
     """Say, as a word and a sentence, why an image cannot show a star; empty where it could."""
