@@ -1,7 +1,8 @@
 """camera_to_attitude: centroid_node and identify_node in one process.
 
-Both stand in the graph under their own names, with all of their topics and parameters. The
-centroids are handed over as they are: `centroids` is published for others, and not read back.
+Both stand in the graph under their own names, with all of their topics and parameters. A parameter
+of the command line goes to the node that has it. The centroids are handed over as they are:
+`centroids` is published for others, and not read back.
 """
 
 import sys
@@ -10,8 +11,10 @@ from typing import Any
 
 from rclpy.node import Node
 
+from star_tracker.nodes.centroid.parameters import CENTROID_PARAMETERS
 from star_tracker.nodes.centroid_node import CentroidNode
 from star_tracker.nodes.identify_node import IdentifyNode
+from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS
 from star_tracker.nodes.running import run
 
 
@@ -20,12 +23,15 @@ def make_nodes(**node_options: Any) -> list[Node]:
 
     Raises ParameterError for a configuration that cannot be used.
     """
-    identify = IdentifyNode(listens=False, **node_options)
+    identify = IdentifyNode(listens=False, neighbours=CENTROID_PARAMETERS, **node_options)
     try:
-        return [CentroidNode(hand_over=identify.take, **node_options), identify]
+        centroid = CentroidNode(
+            hand_over=identify.take, neighbours=IDENTIFY_PARAMETERS, **node_options
+        )
     except ValueError:
         identify.destroy_node()
         raise
+    return [centroid, identify]
 
 
 def main(args: Sequence[str] | None = None) -> int:

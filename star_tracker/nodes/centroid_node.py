@@ -24,7 +24,12 @@ from star_tracker.nodes.centroid.parameters import (
     CentroidParameters,
 )
 from star_tracker.nodes.centroid.worker import Worker
-from star_tracker.nodes.declaring import ParameterError, declare, unknown_parameters
+from star_tracker.nodes.declaring import (
+    Parameter,
+    ParameterError,
+    declare,
+    unknown_parameters,
+)
 from star_tracker.nodes.identify.announcements import Throttle
 from star_tracker.nodes.identify.health import DiagnosticsPublisher
 from star_tracker.nodes.listening import (
@@ -52,12 +57,14 @@ class CentroidNode(Node):
     Args:
         hand_over: called with each message of `centroids`, in the node's executor, besides
             publishing it: for who works in the same process.
+        neighbours: parameters of that one.
     """
 
     _worker: Worker | None = None
 
     def __init__(
-        self, *, hand_over: Callable[[PointCloud2], None] | None = None, **node_options: Any
+        self, *, hand_over: Callable[[PointCloud2], None] | None = None,
+        neighbours: Sequence[Parameter] = (), **node_options: Any,
     ) -> None:
         super().__init__(
             "centroid_node", automatically_declare_parameters_from_overrides=True, **node_options
@@ -74,7 +81,7 @@ class CentroidNode(Node):
         except ValueError as error:
             self.destroy_node()
             raise ParameterError(str(error)) from error
-        for sentence in unknown_parameters(self, given):
+        for sentence in unknown_parameters(self, given, neighbours):
             self.get_logger().warning(sentence)
         self.add_on_set_parameters_callback(self._check)
         self.add_post_set_parameters_callback(self._take_over)

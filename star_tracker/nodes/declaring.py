@@ -153,12 +153,23 @@ def declare(node: Node, kind: type[_Values]) -> tuple[_Values, frozenset[str]]:
     return kind(**values), frozenset(given)
 
 
-def unknown_parameters(node: Node, given: Iterable[str]) -> list[str]:
+def unknown_parameters(
+    node: Node, given: Iterable[str], neighbours: Iterable[Parameter] = ()
+) -> list[str]:
     """Return a sentence on each name that was given a value but is no parameter of the node.
 
     Ask when the node has made its publishers and subscriptions, which declare those of their QoS.
+
+    Args:
+        node: whose parameters have been declared.
+        given: the names.
+        neighbours: parameters of other nodes in the process, which hear the same command line.
     """
-    return [no_such_parameter(node, name) for name in given if not node.has_parameter(name)]
+    elsewhere = {parameter.name for parameter in neighbours}
+    return [
+        no_such_parameter(node, name) for name in given
+        if not node.has_parameter(name) and name not in elsewhere
+    ]
 
 
 def unheard_files(nodes: Sequence[Node], arguments: Sequence[str]) -> list[str]:

@@ -22,6 +22,7 @@ from star_tracker.calibration.camera_file import write_camera
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.identification.labels import Identification
 from star_tracker.nodes.declaring import (
+    Parameter,
     ParameterError,
     declare,
     no_such_parameter,
@@ -56,11 +57,14 @@ class IdentifyNode(Node):
     Args:
         listens: whether it subscribes to `centroids`; else frames come by `take` alone, from a
             node in the same process.
+        neighbours: parameters of that one.
     """
 
     _runtime: RuntimeParameters | None = None
 
-    def __init__(self, *, listens: bool = True, **node_options: Any) -> None:
+    def __init__(
+        self, *, listens: bool = True, neighbours: Sequence[Parameter] = (), **node_options: Any
+    ) -> None:
         super().__init__(
             "identify_node", automatically_declare_parameters_from_overrides=True, **node_options
         )
@@ -71,7 +75,7 @@ class IdentifyNode(Node):
         except ValueError as error:
             self.destroy_node()
             raise ParameterError(str(error)) from error
-        for sentence in unknown_parameters(self, given):
+        for sentence in unknown_parameters(self, given, neighbours):
             self.get_logger().warning(sentence)
         self._runtime = RuntimeParameters(self, self._setup, self._apply)
         self._runtime.start()
