@@ -27,6 +27,13 @@ _OF_RCLPY = {"use_sim_time", "start_type_description_service"}
 _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 
+class _NamesLoader(yaml.SafeLoader):
+    """Reads the names in a file, and nothing for a value with a tag: launch marks tuples so."""
+
+
+_NamesLoader.add_multi_constructor("", lambda *_: None)
+
+
 class ParameterError(ValueError):
     """A parameter's value cannot be used."""
 
@@ -180,7 +187,7 @@ def unheard_files(nodes: Sequence[Node], arguments: Sequence[str]) -> list[str]:
             continue
         path = arguments[i + 1]
         with open(path, encoding="utf-8") as file:
-            names = list(_nodes_of(yaml.safe_load(file) or {}))
+            names = list(_nodes_of(yaml.load(file, _NamesLoader) or {}))
         if names and not any(_pattern(name).fullmatch(me) for name in names for me in mine):
             sentences.append(
                 f"parameter file {path} has nothing for {' and '.join(mine)}, only for "

@@ -270,6 +270,18 @@ def test_an_empty_parameter_file_is_for_nobody(tmp_path):
         assert unheard_files([node], ["--params-file", str(path), "--params-file"]) == []
 
 
+def test_a_file_as_launch_writes_it_is_read(tmp_path):
+    """It marks a list of numbers as a tuple of Python's, which rcl overlooks."""
+    path = tmp_path / "launch_params"
+    text = "/**:\n  ros__parameters:\n    maps: !!python/tuple\n    - 1\n    - 2\n"
+    path.write_text(text, encoding="utf-8")
+    with open_bench() as bench:
+        node = bench.start(ReplayNode)
+        assert unheard_files([node], ["--params-file", str(path)]) == []
+        path.write_text(text.replace("/**", "other"), encoding="utf-8")
+        assert len(unheard_files([node], ["--params-file", str(path)])) == 1
+
+
 # ---- the files in config/ --------------------------------------------------------------------
 
 CONFIGS = ("fov12.yaml", "fov20.yaml")
