@@ -1,4 +1,4 @@
-"""Attitude -> QuaternionStamped, and boresight <-> Vector3Stamped."""
+"""Attitude <-> QuaternionStamped, and boresight <-> Vector3Stamped."""
 
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,12 @@ def quaternion_from_attitude(
     message.quaternion.x, message.quaternion.y = x, y
     message.quaternion.z, message.quaternion.w = z, w
     return message
+
+
+def array_from_quaternion(message: "geometry_msgs.msg.QuaternionStamped") -> Floats:
+    """Read the quaternion (4,), order x, y, z, w."""
+    q = message.quaternion
+    return np.array([q.x, q.y, q.z, q.w])
 
 
 def boresight_from_attitude(

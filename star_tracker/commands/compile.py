@@ -12,10 +12,14 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import numpy as np
+
+from star_tracker.calibration.camera_estimator import CameraEstimator
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.commands.options import add_json_argument
 from star_tracker.compiled import CacheState, cache_state, mark_warm
+from star_tracker.detection.detect import detect_stars
 from star_tracker.identification.searcher import METHODS
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.solution import SolveSettings
@@ -60,6 +64,7 @@ def compile_solver(before: CacheState) -> float:
     started = time.monotonic()
     with _telling(started, quiet=before.warm):
         exercise_solver()
+        exercise_detector()
         mark_warm()
     return time.monotonic() - started
 
@@ -78,7 +83,23 @@ def exercise_solver() -> str:
     for method in METHODS:
         StarTracker(database, camera, SolveSettings(method=method)).solve(star_map.xy_px)
     camera.pixels(camera.vectors(star_map.xy_px))
+    learnt = CameraEstimator(camera, tolerance=0.01)
+    learnt.add(star_map.xy_px, camera.vectors(star_map.xy_px))
+    bent = learnt.estimate.camera
+    bent.pixels(bent.vectors(star_map.xy_px))
     return database.cache_note
+
+
+def exercise_detector() -> None:
+    """Run all compiled code of the detector once, as `exercise_solver` does the solver's."""
+    rows, columns = np.mgrid[:64, :64]
+    light = np.random.default_rng(0).normal(100.0, 5.0, (64, 64))
+    # A lone star, one that is saturated, and two that share their pixels.
+    for x, y, peak in ((16, 15, 400), (45, 18, 9000), (30, 45, 600), (33, 46, 500)):
+        light += peak * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 3.4)
+    image = np.clip(light, 0, 4095).astype(np.uint16)
+    for bayer in ("", "rggb"):
+        detect_stars(image, bayer=bayer)
 
 
 @contextmanager

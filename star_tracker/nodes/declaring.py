@@ -27,6 +27,13 @@ _OF_RCLPY = {"use_sim_time", "start_type_description_service"}
 _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 
+class _NamesLoader(yaml.SafeLoader):
+    """Reads the names in a file, and nothing for a value with a tag: launch marks tuples so."""
+
+
+_NamesLoader.add_multi_constructor("", lambda *_: None)
+
+
 class ParameterError(ValueError):
     """A parameter's value cannot be used."""
 
@@ -153,27 +160,38 @@ def declare(node: Node, kind: type[_Values]) -> tuple[_Values, frozenset[str]]:
     return kind(**values), frozenset(given)
 
 
-def unknown_parameters(node: Node, given: Iterable[str]) -> list[str]:
+def unknown_parameters(
+    node: Node, given: Iterable[str], neighbours: Iterable[Parameter] = ()
+) -> list[str]:
     """Return a sentence on each name that was given a value but is no parameter of the node.
 
     Ask when the node has made its publishers and subscriptions, which declare those of their QoS.
+
+    Args:
+        node: whose parameters have been declared.
+        given: the names.
+        neighbours: parameters of other nodes in the process, which hear the same command line.
     """
-    return [no_such_parameter(node, name) for name in given if not node.has_parameter(name)]
+    elsewhere = {parameter.name for parameter in neighbours}
+    return [
+        no_such_parameter(node, name) for name in given
+        if not node.has_parameter(name) and name not in elsewhere
+    ]
 
 
-def unheard_files(node: Node, arguments: Sequence[str]) -> list[str]:
-    """Return a sentence on each parameter file of a command line that has nothing for a node."""
-    me, sentences = node.get_fully_qualified_name(), []
+def unheard_files(nodes: Sequence[Node], arguments: Sequence[str]) -> list[str]:
+    """Return a sentence on each parameter file of a command line that has nothing for any node."""
+    mine, sentences = [node.get_fully_qualified_name() for node in nodes], []
     for i, argument in enumerate(arguments[:-1]):
         if argument != "--params-file":
             continue
         path = arguments[i + 1]
         with open(path, encoding="utf-8") as file:
-            names = list(_nodes_of(yaml.safe_load(file) or {}))
-        if names and not any(_pattern(name).fullmatch(me) for name in names):
+            names = list(_nodes_of(yaml.load(file, _NamesLoader) or {}))
+        if names and not any(_pattern(name).fullmatch(me) for name in names for me in mine):
             sentences.append(
-                f"parameter file {path} has nothing for {me}, only for {', '.join(names)}: "
-                f"name it {me} or /**"
+                f"parameter file {path} has nothing for {' and '.join(mine)}, only for "
+                f"{', '.join(names)}: name it {mine[0]} or /**"
             )
     return sentences
 

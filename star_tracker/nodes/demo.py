@@ -1,68 +1,37 @@
 """The demo: identify_node and replay_node as two processes, and a table of what was found.
 
-`ros2 run star_tracker star_tracker_demo`, or `make demo`. The exit code is 0 only if every star of
-the eight maps has the paper's number and every boresight is where the map was computed for.
+`ros2 run star_tracker star_tracker_demo`, or `make demo`. Then a rendered image goes through
+sky_image_node, centroid_node and identify_node. The exit code is 0 only if every star of the eight
+maps has the paper's number, every boresight is where the map was computed for, and the image's
+is that of the truth.
 """
 
 import argparse
 import os
 import random
-import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Vector3Stamped
-from numpy.typing import NDArray
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.task import Future
-from sensor_msgs.msg import PointCloud2
 
-from msg_adapters.attitude import array_from_boresight
-from msg_adapters.point_cloud import stars_from_cloud
-from msg_adapters.solution import values_from_diagnostics
-from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.commands.cli import INTERRUPTED
 from star_tracker.commands.compile import compile_solver
 from star_tracker.compiled import cache_state
-from star_tracker.geometry.spherical import Floats, separation, unit_vectors
+from star_tracker.geometry.spherical import separation, unit_vectors
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.star_map import StarMap, paper_maps
+from star_tracker.nodes.demo_frames import TIMEOUT_S, Collector, Result, Row, process
+from star_tracker.nodes.demo_image import collect_image, grade_image
 from star_tracker.resources import resource_path
 
-_TIMEOUT_S = 60.0
-_TERMINATE_S = 10.0
 #: Largest boresight error. Rounding to 0.01 px leaves some tenths of an arcsecond; of the seven
 #: stars of map 3 three are moved by 2 to 3 px (84 arcsec each), and the fit with them.
 _BORESIGHT_LIMIT_ARCSEC = 2.0
 _BORESIGHT_LIMIT_MAP3_ARCSEC = 90.0
-
-
-@dataclass(frozen=True)
-class Result:
-    """What identify_node published for one map; boresight (RA, Dec, roll, deg) only if solved."""
-
-    values: dict[str, str]
-    stars: NDArray[np.void]
-    boresight_deg: Floats | None
-
-
-@dataclass(frozen=True)
-class Row:
-    """A map's graded result. `faults` is empty where all is right."""
-
-    cells: tuple[str, ...]
-    n_right: int
-    n_identified: int
-    n_displaced: int
-    faults: tuple[str, ...]
 
 
 HEAD = (
@@ -109,60 +78,6 @@ def grade(star_map: StarMap, result: Result) -> Row:
     return Row(cells, int(right.sum()), identified, displaced, tuple(faults))
 
 
-class Collector(Node):
-    """Gathers the outputs of identify_node by stamp until `expected` frames are complete."""
-
-    def __init__(self, expected: int) -> None:
-        super().__init__("star_tracker_demo")
-        self.connected, self.complete = Future(), Future()
-        self._expected = expected
-        self._values: dict[int, dict[str, str]] = {}
-        self._stars: dict[int, NDArray[np.void]] = {}
-        self._boresight: dict[int, Floats] = {}
-        self._matched: set[str] = set()
-        for kind, topic, take in (
-            (DiagnosticArray, "solution", self._on_solution),
-            (PointCloud2, "identified_stars", self._on_stars),
-            (Vector3Stamped, "boresight_deg", self._on_boresight),
-        ):
-            events = SubscriptionEventCallbacks(
-                matched=lambda info, topic=topic: self._on_match(topic, info.current_count)
-            )
-            self.create_subscription(kind, topic, take, 50, event_callbacks=events)
-
-    @property
-    def results(self) -> list[Result]:
-        """The complete frames in the order of their stamps."""
-        return [
-            Result(self._values[stamp], self._stars[stamp], self._boresight.get(stamp))
-            for stamp in sorted(self._values) if stamp in self._stars
-        ]
-
-    def _on_match(self, topic: str, count: int) -> None:
-        if count > 0:
-            self._matched.add(topic)
-        if len(self._matched) == 3 and not self.connected.done():
-            self.connected.set_result(True)
-
-    def _on_solution(self, message: DiagnosticArray) -> None:
-        self._values[nanoseconds_from_header(message.header)] = values_from_diagnostics(message)
-        self._look()
-
-    def _on_stars(self, message: PointCloud2) -> None:
-        self._stars[nanoseconds_from_header(message.header)] = stars_from_cloud(message)
-        self._look()
-
-    def _on_boresight(self, message: Vector3Stamped) -> None:
-        self._boresight[nanoseconds_from_header(message.header)] = array_from_boresight(message)
-        self._look()
-
-    def _look(self) -> None:
-        solved = {s for s, values in self._values.items() if values["status"] == "SOLVED"}
-        finished = len(self.results) >= self._expected and solved <= set(self._boresight)
-        if finished and not self.complete.done():
-            self.complete.set_result(True)
-
-
 def collect(folder: Path | None, rate_hz: float) -> list[Result]:
     """Run both nodes on the maps of `folder` and return what was published, in order of the maps.
 
@@ -174,7 +89,7 @@ def collect(folder: Path | None, rate_hz: float) -> list[Result]:
     config = str(resource_path("config/fov12.yaml"))
     with ExitStack() as stack:
         stack.enter_context(
-            _process("identify_node", ["--params-file", config, "-p", "use_camera_info:=true"])
+            process("identify_node", ["--params-file", config, "-p", "use_camera_info:=true"])
         )
         rclpy.init()
         stack.callback(rclpy.try_shutdown)
@@ -182,42 +97,25 @@ def collect(folder: Path | None, rate_hz: float) -> list[Result]:
         executor = SingleThreadedExecutor()
         executor.add_node(collector)
         stack.callback(collector.destroy_node)
-        executor.spin_until_future_complete(collector.connected, timeout_sec=_TIMEOUT_S)
+        executor.spin_until_future_complete(collector.connected, timeout_sec=TIMEOUT_S)
         if not collector.connected.done():
-            raise TimeoutError(f"identify_node did not appear within {_TIMEOUT_S:g} s")
-        replay = stack.enter_context(_process("replay_node", arguments))
-        executor.spin_until_future_complete(collector.complete, timeout_sec=_TIMEOUT_S)
+            raise TimeoutError(f"identify_node did not appear within {TIMEOUT_S:g} s")
+        replay = stack.enter_context(process("replay_node", arguments))
+        executor.spin_until_future_complete(collector.complete, timeout_sec=TIMEOUT_S)
         if not collector.complete.done():
             raise TimeoutError(
-                f"only {len(collector.results)} of 8 maps were answered within {_TIMEOUT_S:g} s"
+                f"only {len(collector.results)} of 8 maps were answered within {TIMEOUT_S:g} s"
             )
-        if (code := replay.wait(timeout=_TIMEOUT_S)) != 0:
+        if (code := replay.wait(timeout=TIMEOUT_S)) != 0:
             raise RuntimeError(f"replay_node ended with exit code {code}")
         return collector.results
 
 
-@contextmanager
-def _process(node: str, arguments: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a node in a process of its own and end it on leaving."""
-    running = subprocess.Popen(
-        [sys.executable, "-m", f"star_tracker.nodes.{node}", "--ros-args", *arguments]
-    )
-    try:
-        yield running
-    finally:
-        running.terminate()
-        try:
-            running.wait(timeout=_TERMINATE_S)
-        except subprocess.TimeoutExpired:
-            running.kill()
-            running.wait()
-
-
-def report(maps: Sequence[StarMap], results: Sequence[Result]) -> bool:
-    """Print the table; return whether everything is right."""
+def report(maps: Sequence[StarMap], results: Sequence[Result], image: Row) -> bool:
+    """Print the table, the image's row last; return whether everything is right."""
     rows = [grade(star_map, result) for star_map, result in zip(maps, results, strict=True)]
     print("\n" + "  ".join(f"{h:>{w}}" for h, w in zip(HEAD, _WIDTHS, strict=True)))
-    for row in rows:
+    for row in (*rows, image):
         print("  ".join(f"{c:>{w}}" for c, w in zip(row.cells, _WIDTHS, strict=True)))
     total = sum(len(star_map.labels) for star_map in maps)
     right, identified = sum(r.n_right for r in rows), sum(r.n_identified for r in rows)
@@ -227,10 +125,13 @@ def report(maps: Sequence[StarMap], results: Sequence[Result]) -> bool:
         f"\n{solved} of {len(rows)} maps right, {right} of {total} labels equal to the paper's "
         f"({identified} identified, {displaced} displaced)"
     )
+    print(f"1 rendered image: {image.n_right} of {image.n_identified} labels right")
     for star_map, row in zip(maps, rows, strict=True):
         for fault in row.faults:
             print(f"WRONG {star_map.name}: {fault}")
-    return solved == len(rows)
+    for fault in image.faults:
+        print(f"WRONG image: {fault}")
+    return solved == len(rows) and not image.faults
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -246,12 +147,13 @@ def main(args: Sequence[str] | None = None) -> int:
         maps = paper_maps(folder=options.folder)
         compile_solver(cache_state())  # so that no node is waited for while it compiles
         results = collect(options.folder, options.rate_hz)
+        image = grade_image(*collect_image())
     except (TimeoutError, RuntimeError, ValueError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return INTERRUPTED
-    return 0 if report(maps, results) else 1
+    return 0 if report(maps, results, image) else 1
 
 
 if __name__ == "__main__":

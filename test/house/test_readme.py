@@ -15,11 +15,16 @@ TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
 
 
 def parameters():
-    """Return the parameters of both nodes, as declared."""
+    """Return the parameters of each node, as declared."""
     pytest.importorskip("rclpy", reason="rclpy is not installed")
+    from star_tracker.nodes.centroid.parameters import CENTROID_PARAMETERS
     from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS, REPLAY_PARAMETERS
+    from star_tracker.nodes.sky_image_node import SKY_IMAGE_PARAMETERS
 
-    return IDENTIFY_PARAMETERS, REPLAY_PARAMETERS
+    return {
+        "identify_node": IDENTIFY_PARAMETERS, "replay_node": REPLAY_PARAMETERS,
+        "centroid_node": CENTROID_PARAMETERS, "sky_image_node": SKY_IMAGE_PARAMETERS,
+    }
 
 
 def as_markdown(value):
@@ -42,15 +47,14 @@ def rows_of(text, heading):
 
 
 def test_the_page_lists_each_parameter_with_default_and_unit():
-    identify, replay = parameters()
-    for node, of_node in (("identify_node", identify), ("replay_node", replay)):
+    for node, of_node in parameters().items():
         assert rows_of(PARAMETERS, f"## Parameters of `{node}`") == declared(of_node)
 
 
 def test_the_readme_lists_ten_of_them():
     rows = rows_of(README, "### The ten parameters that people set")
     assert len(rows) == 10
-    assert set(rows) <= set(declared(parameters()[0]))
+    assert set(rows) <= set(declared(parameters()["identify_node"]))
 
 
 def test_the_readme_is_short():

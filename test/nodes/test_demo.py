@@ -1,6 +1,7 @@
 """The demo: how it judges, and the whole of it in real processes."""
 
 import os
+import re
 import shutil
 import signal
 from dataclasses import replace
@@ -11,8 +12,10 @@ from processes import completed, popen
 from waiting import last_resort
 
 from msg_adapters.point_cloud import STAR_DTYPE
+from star_tracker.geometry.rotation import rotation_from_boresight, write_quaternion
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.nodes.demo import Result, grade
+from star_tracker.nodes.demo_image import _SKY, grade_image
 from star_tracker.resources import resource_path
 
 MAP6 = paper_maps((6,))[0]
@@ -64,12 +67,52 @@ def test_lost_stars_are_a_fault():
     assert grade(MAP6, short).faults[0] == "11 stars came back, not 12"
 
 
+def answer_to_an_image(turned_deg=0.0, n_wrong=0):
+    """An answer whose stars are where the truth has them, and the true quaternion."""
+    pose = np.array([_SKY.ra_deg, _SKY.dec_deg, 10.0])
+    rotation, truth = rotation_from_boresight(*np.radians(pose)), np.empty(4)
+    write_quaternion(rotation, truth)
+    vectors = _SKY.camera.vectors(np.array([[100.0, 80.0], [320.0, 240.0], [500.0, 400.0]]))
+    icrs = vectors @ rotation.T
+    stars = np.zeros(3, STAR_DTYPE)
+    stars["x"], stars["y"] = np.array([[100.0, 80.0], [320.0, 240.0], [500.0, 400.0]]).T - 0.5
+    stars["ra_deg"] = np.degrees(np.arctan2(icrs[:, 1], icrs[:, 0])) % 360
+    stars["dec_deg"] = np.degrees(np.arcsin(icrs[:, 2]))
+    stars["dec_deg"][:n_wrong] += 1.0
+    stars["state"] = 1
+    found = pose + np.array([0.0, turned_deg, 0.0])
+    return Result({"status": "SOLVED", "reason": "identified"}, stars, found), truth
+
+
+def test_a_right_answer_to_an_image_has_no_faults():
+    row = grade_image(*answer_to_an_image())
+    assert row.faults == ()
+    assert (row.n_right, row.n_identified) == (3, 3)
+    assert row.cells[:4] == ("image", "20 deg/640", "3/3", "3")
+
+
+@pytest.mark.parametrize(("arguments", "fault"), [
+    ({"turned_deg": 0.2}, "boresight is 0.200 deg off, more than 0.1"),
+    ({"n_wrong": 1}, "1 of 3 labels are wrong"),
+])
+def test_a_wrong_answer_to_an_image_is_a_fault(arguments, fault):
+    assert grade_image(*answer_to_an_image(**arguments)).faults == (fault,)
+
+
+def test_an_image_without_an_attitude_is_a_fault_with_its_reason():
+    result, truth = answer_to_an_image()
+    lost = replace(result, boresight_deg=None, values={"reason": "too cloudy"})
+    assert grade_image(lost, truth).faults == ("no attitude: too cloudy",)
+
+
 @starts_nodes
 def test_the_demo_finds_all_141_stars_in_real_processes():
     done = completed(*DEMO)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "8 of 8 maps right, 141 of 141 labels equal to the paper's" in done.stdout
     assert "(138 identified, 3 displaced)" in done.stdout
+    assert re.search(r"^image +20 deg/640 +(\d+)/\1 +\1 ", done.stdout, re.MULTILINE)
+    assert re.search(r"^1 rendered image: (\d+) of \1 labels right$", done.stdout, re.MULTILINE)
 
 
 @starts_nodes
