@@ -1,7 +1,8 @@
 """The console command `star_tracker`. Only `watch` needs ROS.
 
-The commands are modules of `star_tracker.commands`, each with `add_arguments` and `execute`. Only
-the one that is asked for is imported, so that no command waits for the libraries of another.
+The commands are modules of `star_tracker.commands`, each with `add_arguments` and `execute`; a
+dash in a command's name is an underscore in its module's. Only the one that is asked for is
+imported, so that no command waits for the libraries of another.
 """
 
 import argparse
@@ -31,12 +32,13 @@ class Command(NamedTuple):
     example: str
 
 
-#: The commands by name, which is also that of the module.
+#: The commands by name.
 COMMANDS = {
     "solve": Command(
-        "attitudes of images, lists of centroids and star maps",
+        "attitudes of images, lists of centroids, star maps and bags",
         "Detect the stars of each file, identify them and tell where the camera points. Nothing "
-        "has to be known of the camera; what one file tells of it is used for the others.",
+        "has to be known of the camera; what one file tells of it is used for the others. A bag "
+        "is solved frame by frame, with its CameraInfo, as identify_node does.",
         "star_tracker solve 1",
     ),
     "evaluate": Command(
@@ -69,6 +71,12 @@ COMMANDS = {
         "Error factor K, tetrahedron volume and predicted boresight error of all triples of a "
         "star map, and the predicted errors of the attitude from all stars.",
         "star_tracker geometry 1 --by k --top 3",
+    ),
+    "make-bag": Command(
+        "the eight star maps as a bag for ros2 bag play",
+        "Write the maps as centroids with camera_info, or images rendered of their sky, to an "
+        "MCAP or sqlite3 bag. Needs rosbags, not ROS.",
+        "star_tracker make-bag maps.mcap",
     ),
     "plot": Command(
         "picture of a star map or of your own frame with its stars",
@@ -152,7 +160,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _module(name: str) -> Any:
-    return import_module(f"star_tracker.commands.{name}")
+    return import_module(f"star_tracker.commands.{name.replace('-', '_')}")
 
 
 def _complain(who: str, message: str) -> None:
