@@ -45,9 +45,12 @@ setup(
     },
     entry_points={
         "console_scripts": [
+            "camera_to_attitude = star_tracker.nodes.running:camera_to_attitude",
+            "centroid_node = star_tracker.nodes.running:centroid_node",
             "identify_node = star_tracker.nodes.running:identify_node",
             "relay_node = star_tracker.nodes.running:relay_node",
             "replay_node = star_tracker.nodes.running:replay_node",
+            "sky_image_node = star_tracker.nodes.running:sky_image_node",
             "star_tracker = star_tracker.commands.cli:main",
             "star_tracker_demo = star_tracker.nodes.demo:main",
         ],

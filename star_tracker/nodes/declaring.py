@@ -161,19 +161,19 @@ def unknown_parameters(node: Node, given: Iterable[str]) -> list[str]:
     return [no_such_parameter(node, name) for name in given if not node.has_parameter(name)]
 
 
-def unheard_files(node: Node, arguments: Sequence[str]) -> list[str]:
-    """Return a sentence on each parameter file of a command line that has nothing for a node."""
-    me, sentences = node.get_fully_qualified_name(), []
+def unheard_files(nodes: Sequence[Node], arguments: Sequence[str]) -> list[str]:
+    """Return a sentence on each parameter file of a command line that has nothing for any node."""
+    mine, sentences = [node.get_fully_qualified_name() for node in nodes], []
     for i, argument in enumerate(arguments[:-1]):
         if argument != "--params-file":
             continue
         path = arguments[i + 1]
         with open(path, encoding="utf-8") as file:
             names = list(_nodes_of(yaml.safe_load(file) or {}))
-        if names and not any(_pattern(name).fullmatch(me) for name in names):
+        if names and not any(_pattern(name).fullmatch(me) for name in names for me in mine):
             sentences.append(
-                f"parameter file {path} has nothing for {me}, only for {', '.join(names)}: "
-                f"name it {me} or /**"
+                f"parameter file {path} has nothing for {' and '.join(mine)}, only for "
+                f"{', '.join(names)}: name it {mine[0]} or /**"
             )
     return sentences
 

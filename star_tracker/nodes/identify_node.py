@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -51,18 +52,22 @@ class IdentifyNode(Node):
     It stands in the graph at once; a thread compiles or loads the solver, and frames wait for it.
     Raises ParameterError for a configuration that cannot be used: here, or out of spin where only
     the thread finds that out.
+
+    Args:
+        listens: whether it subscribes to `centroids`; else frames come by `take` alone, from a
+            node in the same process.
     """
 
     _runtime: RuntimeParameters | None = None
 
-    def __init__(self, **node_options: Any) -> None:
+    def __init__(self, *, listens: bool = True, **node_options: Any) -> None:
         super().__init__(
             "identify_node", automatically_declare_parameters_from_overrides=True, **node_options
         )
         try:
             p, given = declare(self, IdentifyParameters)
             self._setup = SolverSetup.of(p)
-            self._make_topics(p)
+            self._make_topics(p, listens)
         except ValueError as error:
             self.destroy_node()
             raise ParameterError(str(error)) from error
@@ -71,7 +76,7 @@ class IdentifyNode(Node):
         self._runtime = RuntimeParameters(self, self._setup, self._apply)
         self._runtime.start()
 
-    def _make_topics(self, p: IdentifyParameters) -> None:
+    def _make_topics(self, p: IdentifyParameters, listens: bool) -> None:
         """Make all that stands in the graph. Raises ValueError."""
         self._solver: FrameSolver | None = None
         self._starting: Starting | None = Starting(self)
@@ -79,7 +84,9 @@ class IdentifyNode(Node):
         self._follower = FocalLengthFollower(self, p.calibrate_focal_length)
         with overrides_checked():
             self._outputs = Outputs(self, p.reference_frame, p.camera_frame)
-            self._intake = Intake(self, lambda: self._setup, self._identify, self._reject)
+            self._intake = Intake(
+                self, lambda: self._setup, self._identify, self._reject, listens
+            )
             mounting = Mounting(self, p.base_frame)
             self._transform = (
                 TransformOutput(self, p.reference_frame, mounting) if p.publish_tf else None
@@ -91,6 +98,10 @@ class IdentifyNode(Node):
         DiagnosticsPublisher(self, self._statuses)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save_camera", self._on_save_camera)
+
+    def take(self, message: PointCloud2) -> None:
+        """Take a frame as if it had come on `centroids`; in the node's executor only."""
+        self._intake.take(message)
 
     @property
     def rejected(self) -> Counter[str]:

@@ -1,5 +1,6 @@
 """Topics of the nodes: subscriptions that hear every publisher, and QoS that a user may set."""
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ from star_tracker.nodes.declaring import ParameterError
 PUBLISHED = QoSOverridingOptions(
     (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY)
 )
+#: Longer in the queue than that, and the wall clock has jumped or the middleware gives no time.
+_LONGEST_QUEUED_S = 60.0
 _BEST = DurabilityPolicy.BEST_AVAILABLE
 _SUBSCRIBED = (QoSPolicyKind.DURABILITY, QoSPolicyKind.RELIABILITY)
 
@@ -34,6 +37,16 @@ def overrides_checked() -> Iterator[None]:
         if "QoS override" not in str(error):
             raise
         raise ParameterError(str(error)) from error
+
+
+def received_s(info: Mapping[str, Any]) -> float:
+    """Return when the middleware received a message, s of `time.monotonic`.
+
+    Args:
+        info: what the middleware knows of the message.
+    """
+    queued_s = (time.time_ns() - (info.get("received_timestamp") or 0)) / 1e9
+    return time.monotonic() - (queued_s if 0.0 <= queued_s <= _LONGEST_QUEUED_S else 0.0)
 
 
 class DropCounter:

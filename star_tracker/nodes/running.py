@@ -38,6 +38,21 @@ def relay_node() -> int:
     return _command("relay_node")
 
 
+def centroid_node() -> int:
+    """Run centroid_node; return the exit code."""
+    return _command("centroid_node")
+
+
+def sky_image_node() -> int:
+    """Run sky_image_node; return the exit code."""
+    return _command("sky_image_node")
+
+
+def camera_to_attitude() -> int:
+    """Run centroid_node and identify_node in one process; return the exit code."""
+    return _command("camera_to_attitude")
+
+
 def _command(module: str) -> int:
     """Run the node of a module, which a signal ends quietly from the first moment."""
     for number in _SIGNALS:
@@ -46,15 +61,18 @@ def _command(module: str) -> int:
     return int(main(sys.argv))
 
 
-def run(name: str, make: Callable[[], "Node"], args: Sequence[str] | None = None) -> int:
-    """Spin the node that `make` returns until it is told to stop; return the exit code.
+def run(
+    name: str, make: Callable[[], "Node | Sequence[Node]"], args: Sequence[str] | None = None
+) -> int:
+    """Spin the nodes that `make` returns until they are told to stop; return the exit code.
 
     SIGINT, SIGTERM and a shutdown by the node itself end with 0, a configuration that cannot be
     used with 2 and one line that says what to change.
 
     Args:
         name: of the node, for that line.
-        make: makes the node. Raises ParameterError for a configuration that cannot be used.
+        make: makes the node, or the nodes in the order in which they end. Raises ParameterError
+            for a configuration that cannot be used.
         args: the command line's, None for that of the process.
     """
     import rclpy
@@ -63,11 +81,12 @@ def run(name: str, make: Callable[[], "Node"], args: Sequence[str] | None = None
 
     from star_tracker.nodes.declaring import unheard_files
 
-    def make_and_warn() -> "Node":
-        node = make()
-        for sentence in unheard_files(node, sys.argv if args is None else args):
-            node.get_logger().warning(sentence)
-        return node
+    def make_and_warn() -> "Sequence[Node]":
+        made = make()
+        nodes = made if isinstance(made, Sequence) else [made]
+        for sentence in unheard_files(nodes, sys.argv if args is None else args):
+            nodes[0].get_logger().warning(sentence)
+        return nodes
 
     with _ending_soon_when_told() as told:
         try:
@@ -108,10 +127,10 @@ def _ending_soon_when_told() -> Iterator[threading.Event]:
 
 
 def _spin(
-    name: str, make: Callable[[], "Node"], executor: "SingleThreadedExecutor",
+    name: str, make: Callable[[], "Sequence[Node]"], executor: "SingleThreadedExecutor",
     told: threading.Event,
 ) -> int:
-    """Make the node, spin it to its end and clean up; return the exit code."""
+    """Make the nodes, spin them to their end and clean up; return the exit code."""
     import rclpy
     from rclpy._rclpy_pybind11 import RCLError
     from rclpy.exceptions import NotInitializedException
@@ -119,10 +138,11 @@ def _spin(
 
     from star_tracker.nodes.declaring import ParameterError
 
-    node: Node | None = None
+    nodes: Sequence[Node] = ()
     try:
-        node = make()
-        executor.add_node(node)
+        nodes = make()
+        for node in nodes:
+            executor.add_node(node)
         # In bounded waits: rclpy's handler of SIGTERM wakes the executor before it shuts the
         # context down, and an executor that waits again by then would wait for ever.
         while rclpy.ok():
@@ -137,7 +157,7 @@ def _spin(
             raise
         return 0
     finally:
-        if node is not None:
+        for node in nodes:
             node.destroy_node()
         _shut_down()
     return 0

@@ -1,5 +1,6 @@
 """Image files as arrays: what Pillow reads, numpy arrays, FITS and raw files of cameras."""
 
+import io
 import warnings
 from pathlib import Path
 from typing import Any
@@ -35,17 +36,63 @@ def read_image(path: Path) -> NDArray[Any]:
     return image
 
 
-def _pillow(path: Path) -> NDArray[Any]:
+def decode_image(data: bytes, max_pixels: int) -> NDArray[Any]:
+    """Return the image (h, w) or (h, w, colours) that the bytes of a PNG or JPEG file hold.
+
+    Raises ValueError for what Pillow cannot decode or what has more than `max_pixels`, and
+    ImportError with the remedy where there is no Pillow.
+    """
+    pillow = _pillow_module()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with pillow.open(io.BytesIO(data)) as image:
+                if image.width * image.height > max_pixels:
+                    raise ValueError(f"it has {image.width} x {image.height} px")  # noqa: TRY301
+                return _values(image)
+    except Exception as error:  # Pillow raises errors of many kinds for damaged data
+        text = " ".join(str(error).split())
+        # Where the bytes lie in memory helps nobody.
+        text = "it is no image" if "cannot identify" in text else text
+        raise ValueError(text or type(error).__name__) from error
+
+
+def encode_png(pixels: NDArray[Any]) -> bytes:
+    """Return a PNG file of (h, w) uint8 or uint16, or (h, w, 3) uint8.
+
+    Raises ImportError with the remedy where there is no Pillow.
+    """
+    file = io.BytesIO()
+    _pillow_module().fromarray(pixels).save(file, "PNG")
+    return file.getvalue()
+
+
+def require_pillow() -> None:
+    """Raise ImportError with the remedy where there is no Pillow."""
+    _pillow_module()
+
+
+def _pillow_module() -> Any:
     try:
         from PIL import Image  # noqa: PLC0415  an extra
     except ImportError as error:
         raise ImportError("Pillow: apt install python3-pil, or pip install Pillow") from error
+    return Image
+
+
+def _pillow(path: Path) -> NDArray[Any]:
+    pillow = _pillow_module()
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # a picture of a size that is an attack is refused
-        with Image.open(path) as image:
-            if image.mode in ("P", "1", "LA", "PA", "CMYK", "YCbCr", "HSV", "LAB"):
-                return np.asarray(image.convert("RGB"))
-            return np.asarray(image)
+        with pillow.open(path) as image:
+            return _values(image)
+
+
+def _values(image: Any) -> NDArray[Any]:
+    """Return the pixels of an image of Pillow's."""
+    if image.mode in ("P", "1", "LA", "PA", "CMYK", "YCbCr", "HSV", "LAB"):
+        return np.asarray(image.convert("RGB"))
+    return np.asarray(image)
 
 
 def _array(path: Path) -> NDArray[Any]:

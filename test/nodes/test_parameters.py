@@ -253,7 +253,7 @@ def test_a_parameter_file_for_another_node_is_named_as_rcl_takes_it(
     arguments = ["--ros-args", "-r", f"__ns:={namespace}", "--params-file", str(path)]
     with open_bench() as bench:
         node = bench._add(ReplayNode(context=bench.context, cli_args=arguments))
-        sentences = unheard_files(node, arguments)
+        sentences = unheard_files([node], arguments)
         assert node.get_parameter("rate_hz").value == (5.0 if heard else 10.0)  # what rcl says
         me = node.get_fully_qualified_name()
     assert bool(sentences) != heard
@@ -267,7 +267,7 @@ def test_an_empty_parameter_file_is_for_nobody(tmp_path):
     path.touch()
     with open_bench() as bench:
         node = bench.start(ReplayNode)
-        assert unheard_files(node, ["--params-file", str(path), "--params-file"]) == []
+        assert unheard_files([node], ["--params-file", str(path), "--params-file"]) == []
 
 
 # ---- the files in config/ --------------------------------------------------------------------

@@ -16,11 +16,14 @@ from msg_adapters.camera_info import camera_from_info
 from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.nodes.identify.camera_feed import CameraFeed
 from star_tracker.nodes.identify.solver_setup import SolverSetup
-from star_tracker.nodes.listening import DropCounter, subscribe, subscribe_latched
+from star_tracker.nodes.listening import (
+    DropCounter,
+    received_s,
+    subscribe,
+    subscribe_latched,
+)
 from star_tracker.optics.camera import Camera
 
-#: Longer in the queue than that, and the wall clock has jumped or the middleware gives no time.
-_LONGEST_QUEUED_S = 60.0
 #: A timer that is set again at once has to have some period.
 _SHORTEST_S = 1e-3
 
@@ -56,12 +59,13 @@ class Intake:
         identify: called with each frame and its camera, None for one to be found out.
         reject: called with a frame that has no camera, or None for a camera that cannot be used,
             the kind of trouble and a sentence.
+        listens: whether it subscribes to `centroids`; else frames come by `take` alone.
     """
 
     def __init__(
         self, node: Node, setup: Callable[[], SolverSetup],
         identify: Callable[[IncomingFrame, Camera | None], None],
-        reject: Callable[[IncomingFrame | None, str, str], None],
+        reject: Callable[[IncomingFrame | None, str, str], None], listens: bool = True,
     ) -> None:
         self._node, self._setup = node, setup
         self._identify, self._reject = identify, reject
@@ -81,6 +85,8 @@ class Intake:
             subscribe_latched(
                 node, CameraInfo, "camera_info", self._depth, self._on_camera_info
             )
+        if not listens:
+            return
         subscribe(
             node, PointCloud2, "centroids", self._depth, self._on_centroids,
             on_publishers=self._drops.on_publishers,
@@ -117,9 +123,14 @@ class Intake:
 
     def _on_centroids(self, message: PointCloud2, info: Mapping[str, Any]) -> None:
         self._drops.on_message(info.get("publication_sequence_number"))
-        queued_s = (time.time_ns() - (info.get("received_timestamp") or 0)) / 1e9
-        queued_s = queued_s if 0.0 <= queued_s <= _LONGEST_QUEUED_S else 0.0
-        self._waiting.append(IncomingFrame(message, time.monotonic() - queued_s))
+        self._take(IncomingFrame(message, received_s(info)))
+
+    def take(self, message: PointCloud2) -> None:
+        """Take a frame that did not come over a topic."""
+        self._take(IncomingFrame(message, time.monotonic()))
+
+    def _take(self, frame: IncomingFrame) -> None:
+        self._waiting.append(frame)
         if len(self._waiting) > self._depth:
             self._waiting.popleft()
             self._n_overtaken += 1

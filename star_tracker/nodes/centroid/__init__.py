@@ -1,0 +1,1 @@
+"""What centroid_node is made of."""
