@@ -134,7 +134,7 @@ class Bag:
 
     def announced(self) -> Announced:
         """Return the cameras of the bag, up to where it is damaged: its frames tell that."""
-        messages = []
+        messages: list[Any] = []
         with suppress(DamagedBagError):
             messages.extend(message for _, message in self._messages(self.info_topic))
         return Announced(messages, self._parity)

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from msg_adapters.camera_info import info_from_camera
+from msg_adapters.centroids import Centroids
 from msg_adapters.image import Picture, image_from_picture
-from msg_adapters.point_cloud import Centroids, cloud_from_centroids
+from msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.bags.writing import BagWriter
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.render import render

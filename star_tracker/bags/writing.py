@@ -5,7 +5,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from msg_adapters.message_class import classes_from
 from star_tracker.bags.message_types import BagTypes, long_name
@@ -13,7 +13,7 @@ from star_tracker.bags.message_types import BagTypes, long_name
 #: Storages, and the endings of their files.
 STORAGES = {"mcap": ".mcap", "sqlite3": ".db3"}
 #: Of the file of metadata: that of Jazzy.
-_VERSION = 9
+_VERSION: Literal[9] = 9
 
 
 class BagWriter:

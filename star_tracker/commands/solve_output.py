@@ -4,6 +4,7 @@ import argparse
 import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -101,7 +102,7 @@ def line_of(record: Record) -> str:
     """Return a result as a line for people."""
     if record["status"] == "UNUSABLE":
         return f"UNUSABLE  {record['reason']}"
-    values = {**record, "at": record["file"]}
+    values: dict[str, Any] = {**record, "at": record["file"]}
     if "topic" in record:
         values["at"] = "{file} {topic} {frame} {stamp_ns}".format(**record)
     if record["ra_deg"] is None:

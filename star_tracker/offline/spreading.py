@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, TypeVar
 
 from star_tracker.offline.cluster import connected
@@ -49,7 +48,11 @@ class Spread:
             yield from map(work, items)
         else:
             with ProcessPoolExecutor(max_workers=self.jobs) as pool:
-                yield from _in_order(partial(pool.submit, work), items, _AHEAD * self.jobs)
+
+                def submit(item: Item) -> Any:
+                    return pool.submit(work, item)
+
+                yield from _in_order(submit, items, _AHEAD * self.jobs)
 
 
 def _on_cluster(
