@@ -84,6 +84,13 @@ COMMANDS = {
         "missing stars, residuals, right ascension and declination. Needs matplotlib.",
         "star_tracker plot 6 --output map6.png",
     ),
+    "render": Command(
+        "image that a camera would take of the sky, with its truth",
+        "Render the stars that a camera sees at an attitude: lens, exposure, sky, clouds, noise, "
+        "hot pixels, saturation, streaks, a planet. --json prints where the stars stand. The same "
+        "seed gives the same image.",
+        "star_tracker render sky.png --ra-deg 84 --dec-deg 2",
+    ),
     "watch": Command(
         "live view of a running identify_node (needs ROS)",
         "Attitude with its errors, how the last frame ended, health and identified stars of a "
