@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from msg_adapters import MessageError
 from msg_adapters.image import Picture, picture_from_compressed, picture_from_image
 from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.bags.reading import CENTROIDS, COMPRESSED, BagFrame, DamagedBagError
@@ -74,6 +75,8 @@ def _until_damage(frames: Iterable[BagFrame]) -> Iterator[BagFrame | DamagedBagE
 def _read(reading: Reading, frame: BagFrame | DamagedBagError) -> ReadFrame | DamagedBagError:
     if isinstance(frame, DamagedBagError):
         return frame
+    if isinstance(frame.message, MessageError):
+        return ReadFrame(replace(frame, message=None), frame.message)
     try:
         found: FileFrame | ValueError = (
             _listed(reading, frame) if frame.kind == CENTROIDS else _detected(reading, frame)

@@ -59,7 +59,7 @@ class BagFrame:
         number: its place in the topic, from 0.
         stamp_ns, frame_id: of its header.
         logged_ns: when it was recorded.
-        message: its fields.
+        message: its fields; a MessageError where its bytes cannot be read.
     """
 
     kind: str
@@ -137,6 +137,7 @@ class Bag:
         messages: list[Any] = []
         with suppress(DamagedBagError):
             messages.extend(message for _, message in self._messages(self.info_topic))
+        messages = [one for one in messages if not isinstance(one, MessageError)]
         return Announced(messages, self._parity)
 
     def frames(self) -> Iterator[BagFrame]:
@@ -145,10 +146,11 @@ class Bag:
         Raises DamagedBagError where it cannot be read any further.
         """
         for number, (logged_ns, message) in enumerate(self._messages(self.topic)):
-            yield BagFrame(
-                self.kind, number, nanoseconds_from_header(message.header),
-                str(message.header.frame_id), logged_ns, message,
-            )
+            stamp_ns, frame_id = 0, ""
+            if not isinstance(message, MessageError):
+                stamp_ns = nanoseconds_from_header(message.header)
+                frame_id = str(message.header.frame_id)
+            yield BagFrame(self.kind, number, stamp_ns, frame_id, logged_ns, message)
 
     def _connections(self, topic: str) -> list[Any]:
         return [one for one in self._reader.connections if one.topic == topic]
@@ -159,7 +161,14 @@ class Bag:
             return
         with _readable(self.path):
             for connection, logged_ns, raw in self._reader.messages(connections):
-                yield logged_ns, _plain(self._reader.deserialize(raw, connection.msgtype))
+                yield logged_ns, self._message(raw, connection.msgtype)
+
+    def _message(self, raw: bytes, kind: str) -> Any:
+        """Return a message; an error in its place where its bytes are none of its type."""
+        try:
+            return _plain(self._reader.deserialize(raw, kind))
+        except Exception as error:  # errors of many kinds
+            return MessageError(f"its {len(raw)} bytes are no {kind}: {_why(error)}")
 
 
 @contextmanager
@@ -193,8 +202,11 @@ def _readable(path: Path) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        why = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-        raise DamagedBagError(f"{path} cannot be read: {why}") from error
+        raise DamagedBagError(f"{path} cannot be read: {_why(error)}") from error
+
+
+def _why(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".") or type(error).__name__
 
 
 def _plain(message: Any) -> Any:
@@ -214,12 +226,11 @@ def _frames_topic(
         one: kind for kind in (IMAGE, COMPRESSED, CENTROIDS)
         for one in sorted(by_kind.get(kind, ()))
     }
-    names = ", ".join(found)
     if topic:
         if topic not in found:
             raise ValueError(
                 f"{path} has no images or centroids on {topic}"
-                + (f": choose of {names} with --topic" if found else "")
+                + (f": choose of {', '.join(found)} with --topic" if found else "")
             )
         return topic, found[topic]
     inputs = [one for one in found if one.rpartition("/")[2] != _OUTPUT]
@@ -229,7 +240,9 @@ def _frames_topic(
             "CompressedImage or PointCloud2"
         )
     if len(inputs) > 1:
-        raise ValueError(f"{path} has several topics, choose one with --topic: {names}")
+        raise ValueError(
+            f"{path} has several topics, choose one with --topic: {', '.join(inputs)}"
+        )
     return inputs[0], found[inputs[0]]
 
 

@@ -122,11 +122,15 @@ def execute(options: argparse.Namespace) -> None:
     """Solve files and bags. Ends with exit code 1 where one of them could not be used at all."""
     asked = _asked(options)
     spread = Spread(options.jobs, options.scheduler or "")
-    paths = [path for word in options.files for path in _paths(word)]
+    named = {word: _paths(word) for word in options.files}
+    paths = [path for found in named.values() for path in found]
     bags = [path for path in paths if is_bag(path)]
     files = [path for path in paths if not is_bag(path)]
     _check(options, bags)
     output = Output(options)
+    for word in (word for word, found in named.items() if not found):
+        text = f"no file fits {word}: check the folder and the ending"
+        output.take(Result(Path(word), None, None, text))
     console = Console(stderr=True)
     # What is printed meanwhile goes around the bar only where it goes to the terminal, too.
     with Progress(
@@ -183,12 +187,12 @@ def _solve_bag(
 def _paths(word: str) -> list[Path]:
     """Return the files that a word names: one, a shipped star map by its number, or a pattern's.
 
-    A pattern that the shell has left as it is fits nothing, unless it was quoted.
+    A pattern that the shell has left as it is fits none, unless it was quoted.
     """
     if word in {str(number) for number in PAPER_MAPS} and not Path(word).exists():
         return [resource_path(f"{STAR_MAPS_FOLDER}/map{word}.csv")]
     if set(word) & set("*?[") and not Path(word).exists():
-        return [Path(one) for one in sorted(glob(word, recursive=True))] or [Path(word)]
+        return [Path(one) for one in sorted(glob(word, recursive=True))]
     return [Path(word)]
 
 
