@@ -65,4 +65,5 @@ def execute(options: argparse.Namespace) -> None:
             "messages": writer.n_written,
         }))
     else:
-        print(f"{options.output}: {what} of {len(maps)} maps, {writer.n_written} messages")
+        n_maps = f"{len(maps)} map{'s' if len(maps) > 1 else ''}"
+        print(f"{options.output}: {what} of {n_maps}, {writer.n_written} messages")

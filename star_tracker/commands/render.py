@@ -21,7 +21,7 @@ _DEFAULT = RenderSettings()
 _NUMBERS = {
     "exposure and lens": (
         ("exposure_s", "S", "time of exposure, s"),
-        ("zero_point_mag", "MAG", "V magnitude of a star of one electron a second, mag"),
+        ("zero_point_mag", "MAG", "magnitude V of a star of one electron a second, mag"),
         ("psf_sigma_px", "PX", "width of a star, the standard deviation of a Gaussian, px"),
     ),
     "sky": (
