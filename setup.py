@@ -30,6 +30,7 @@ setup(
     install_requires=["setuptools", "numpy>=1.26", "scipy>=1.11", "numba>=0.58", "rich>=13"],
     extras_require={
         "attachments": ["xlrd>=2"],
+        "bags": ["rosbags>=0.11"],
         # ruststartracker needs typing-extensions without saying so.
         "benchmark": [
             "tetra3rs>=0.14", "ruststartracker>=0.2.10", "typing-extensions", "matplotlib>=3.6",

@@ -1,7 +1,8 @@
 """ROS messages <-> arrays and the core's dataclasses: pure functions, in pairs. No rclpy here.
 
 Reading needs no ROS: any object with the message's fields will do, such as those that a reader of
-bags makes. Only what writes a message imports its class, when it is called.
+bags makes. What writes a message asks `message_class` for its class: that of ROS, or of a writer
+of bags.
 
 Message fields are not type-checked by default and a wrong type is sent as garbage, so every value
 passes through float(), int() or str() on its way into a message.

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msg_adapters.message_class import message_class
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.earth.attitude import EarthAttitude
 from star_tracker.geometry.spherical import Floats
@@ -17,9 +18,7 @@ def quaternion_from_attitude(
     attitude: Attitude | EarthAttitude, header: "std_msgs.msg.Header"
 ) -> "geometry_msgs.msg.QuaternionStamped":
     """Write the quaternion that rotates camera-frame vectors into the header's frame."""
-    from geometry_msgs.msg import QuaternionStamped
-
-    message = QuaternionStamped(header=header)
+    message = message_class("geometry_msgs/QuaternionStamped")(header=header)
     x, y, z, w = (float(value) for value in attitude.quaternion_xyzw)
     message.quaternion.x, message.quaternion.y = x, y
     message.quaternion.z, message.quaternion.w = z, w
@@ -36,9 +35,7 @@ def boresight_from_attitude(
     attitude: Attitude, header: "std_msgs.msg.Header"
 ) -> "geometry_msgs.msg.Vector3Stamped":
     """Write right ascension, declination and roll, degrees, as x, y, z."""
-    from geometry_msgs.msg import Vector3Stamped
-
-    message = Vector3Stamped(header=header)
+    message = message_class("geometry_msgs/Vector3Stamped")(header=header)
     message.vector.x = float(np.degrees(attitude.ra_rad))
     message.vector.y = float(np.degrees(attitude.dec_rad))
     message.vector.z = float(np.degrees(attitude.roll_rad))

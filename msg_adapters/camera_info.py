@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msg_adapters import MessageError, shown
+from msg_adapters.message_class import message_class
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import MODELS, Distortion
 
@@ -167,13 +168,11 @@ def info_from_camera(
     camera: Camera, header: "std_msgs.msg.Header"
 ) -> "sensor_msgs.msg.CameraInfo":
     """Describe a camera; its parity has no place in the message."""
-    from sensor_msgs.msg import CameraInfo
-
     k = [camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0]
     p = np.zeros((3, 4))
     p[:, :3] = np.reshape(k, (3, 3))
     lens = camera.distortion
-    return CameraInfo(
+    return message_class("sensor_msgs/CameraInfo")(
         header=header, width=int(camera.width_px), height=int(camera.height_px),
         distortion_model=lens.model if lens else "plumb_bob",
         d=list(lens.coefficients) if lens else [0.0] * 5,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_adapters import MessageError, shown
+from msg_adapters.message_class import message_class
 from star_tracker.detection.image import BAYER_PATTERNS, MAX_PIXELS
 from star_tracker.offline.image_file import decode_image, encode_png
 
@@ -97,8 +98,6 @@ def image_from_picture(
 
     Raises ValueError where the array does not fit the encoding.
     """
-    from sensor_msgs.msg import Image
-
     if encoding not in _FORMATS:
         raise ValueError(f"encoding {encoding!r} is unknown: use {', '.join(ENCODINGS)}")
     form, n_values, order = _FORMATS[encoding]
@@ -113,7 +112,7 @@ def image_from_picture(
     if order is not None:
         pixels = pixels[:, :, np.argsort(order)]
     height, width = pixels.shape[:2]
-    return Image(
+    return message_class("sensor_msgs/Image")(
         header=header, height=int(height), width=int(width), encoding=str(encoding),
         is_bigendian=int(sys.byteorder == "big"), step=int(width * n_values * dtype.itemsize),
         data=array.array("B", np.ascontiguousarray(pixels, dtype).tobytes()),
@@ -145,12 +144,10 @@ def compressed_from_picture(
     picture: Picture, header: "std_msgs.msg.Header"
 ) -> "sensor_msgs.msg.CompressedImage":
     """Write (h, w) uint8 or uint16, or (h, w, 3) uint8, as PNG. Needs Pillow."""
-    from sensor_msgs.msg import CompressedImage
-
     pixels = picture.pixels
     bits = 8 * pixels.dtype.itemsize
     name = f"bayer_{picture.bayer}{bits}" if picture.bayer else f"mono{bits}"
-    return CompressedImage(
+    return message_class("sensor_msgs/CompressedImage")(
         header=header, format=f"{name if pixels.ndim == 2 else 'rgb8'}; png compressed "
         f"{name if pixels.ndim == 2 else 'bgr8'}",
         data=array.array("B", encode_png(pixels)),

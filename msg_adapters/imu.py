@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msg_adapters.message_class import message_class
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.earth.attitude import EarthAttitude
 from star_tracker.geometry.rotation import rotation_matrix
@@ -27,9 +28,7 @@ def imu_from_attitude(
     R = R_true exp(d). Imu has it about the fixed axes of the reference frame, R = exp(e) R_true:
     e = R_true d, whose covariance is R P R^T, rad^2.
     """
-    from sensor_msgs.msg import Imu
-
-    message = Imu(header=header)
+    message = message_class("sensor_msgs/Imu")(header=header)
     x, y, z, w = (float(value) for value in attitude.quaternion_xyzw)
     message.orientation.x, message.orientation.y = x, y
     message.orientation.z, message.orientation.w = z, w

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from msg_adapters import MessageError, shown
 from msg_adapters.centroids import Centroids
+from msg_adapters.message_class import message_class
 from star_tracker.geometry.spherical import Floats
 
 if TYPE_CHECKING:
@@ -160,18 +161,18 @@ def cloud_from_points(
     points: NDArray[np.void], header: "std_msgs.msg.Header"
 ) -> "sensor_msgs.msg.PointCloud2":
     """Write a structured array (n,) of scalar fields as an unorganised cloud."""
-    from sensor_msgs.msg import PointCloud2, PointField
+    field_class = message_class("sensor_msgs/PointField")
 
     codes = {form: code for code, form in _FORMATS.items()}
     fields = [
-        PointField(name=name, offset=int(offset), datatype=codes[dtype.str[1:]], count=1)
+        field_class(name=name, offset=int(offset), datatype=codes[dtype.str[1:]], count=1)
         for name, (dtype, offset, *_) in (points.dtype.fields or {}).items()
     ]
     step = points.dtype.itemsize
     dense = all(
         bool(np.all(np.isfinite(points[name]))) for name in (points.dtype.names or ())
     )
-    return PointCloud2(
+    return message_class("sensor_msgs/PointCloud2")(
         header=header, height=1, width=len(points), fields=fields, is_bigendian=False,
         point_step=step, row_step=step * len(points), data=array.array("B", points.tobytes()),
         is_dense=dense,

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from msg_adapters import MessageError
+from msg_adapters.message_class import message_class
 from star_tracker.identification.labels import StarState
 from star_tracker.solution import Solution, Status
 
@@ -18,10 +19,11 @@ def diagnostics_from_solution(
 
     A hint says what would solve a frame that was not solved, where that is known.
     """
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+    status_class = message_class("diagnostic_msgs/DiagnosticStatus")
+    pair_class = message_class("diagnostic_msgs/KeyValue")
 
-    level = {Status.SOLVED: DiagnosticStatus.OK, Status.BAD_INPUT: DiagnosticStatus.ERROR}.get(
-        solution.status, DiagnosticStatus.WARN
+    level = {Status.SOLVED: status_class.OK, Status.BAD_INPUT: status_class.ERROR}.get(
+        solution.status, status_class.WARN
     )
     state = solution.identification.state
     values = {
@@ -41,11 +43,11 @@ def diagnostics_from_solution(
         "hypotheses": solution.n_hypotheses,
         "solve_ms": f"{solution.solve_ms:.3f}",
     }
-    status = DiagnosticStatus(
+    status = status_class(
         level=level, name=name, message=f"{solution.status.value}: {solution.reason}",
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        values=[pair_class(key=key, value=str(value)) for key, value in values.items()],
     )
-    return DiagnosticArray(header=header, status=[status])
+    return message_class("diagnostic_msgs/DiagnosticArray")(header=header, status=[status])
 
 
 def values_from_diagnostics(message: "diagnostic_msgs.msg.DiagnosticArray") -> dict[str, str]:

@@ -53,7 +53,7 @@ if [ "$ros" = sourced ]; then site=--system-site-packages; else site=; fi
 if [ "$ros" = sourced ] || [ -n "$constraints" ]; then
     echo "Installing numpy, scipy, numba, matplotlib and pytest ..."
     install "the Python libraries" ${constraints:+-c "$constraints"} \
-        numpy scipy numba rich matplotlib joblib jinja2 PyYAML distributed pyerfa \
+        numpy scipy numba rich matplotlib joblib jinja2 PyYAML distributed pyerfa rosbags \
         "pytest<9" pytest-xdist coverage playwright hypothesis xlrd "setuptools>=70.1,<80" wheel
 else
     echo "Installing numpy, scipy, numba, matplotlib and pytest (pinned by hash) ..."

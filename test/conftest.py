@@ -17,6 +17,7 @@ import pytest
 HERE = Path(__file__).parent
 #: What the tests of a folder need besides; single files say it themselves by importorskip.
 NEEDS = {
+    "bags": ("rosbags",),
     "earth": ("erfa",),
     "figures": ("matplotlib",),
     "msg_adapters": ("rclpy",),

@@ -1,7 +1,8 @@
 """The console command `star_tracker`. Only `watch` needs ROS.
 
-The commands are modules of `star_tracker.commands`, each with `add_arguments` and `execute`. Only
-the one that is asked for is imported, so that no command waits for the libraries of another.
+The commands are modules of `star_tracker.commands`, each with `add_arguments` and `execute`; a
+dash in a command's name is an underscore in its module's. Only the one that is asked for is
+imported, so that no command waits for the libraries of another.
 """
 
 import argparse
@@ -31,12 +32,13 @@ class Command(NamedTuple):
     example: str
 
 
-#: The commands by name, which is also that of the module.
+#: The commands by name.
 COMMANDS = {
     "solve": Command(
-        "attitudes of images, lists of centroids and star maps",
+        "attitudes of images, lists of centroids, star maps and bags",
         "Detect the stars of each file, identify them and tell where the camera points. Nothing "
-        "has to be known of the camera; what one file tells of it is used for the others.",
+        "has to be known of the camera; what one file tells of it is used for the others. A bag "
+        "is solved frame by frame, with its CameraInfo, as identify_node does.",
         "star_tracker solve 1",
     ),
     "evaluate": Command(
@@ -70,11 +72,24 @@ COMMANDS = {
         "star map, and the predicted errors of the attitude from all stars.",
         "star_tracker geometry 1 --by k --top 3",
     ),
+    "make-bag": Command(
+        "the eight star maps as a bag for ros2 bag play",
+        "Write the maps as centroids with camera_info, or images rendered of their sky, to an "
+        "MCAP or sqlite3 bag. Needs rosbags, not ROS.",
+        "star_tracker make-bag maps.mcap",
+    ),
     "plot": Command(
         "picture of a star map or of your own frame with its stars",
         "Solve one frame and draw it: guide stars, centroids with their numbers, displaced and "
         "missing stars, residuals, right ascension and declination. Needs matplotlib.",
         "star_tracker plot 6 --output map6.png",
+    ),
+    "render": Command(
+        "image that a camera would take of the sky, with its truth",
+        "Render the stars that a camera sees at an attitude: lens, exposure, sky, clouds, noise, "
+        "hot pixels, saturation, streaks, a planet. --json prints where the stars stand. The same "
+        "seed gives the same image.",
+        "star_tracker render sky.png --ra-deg 84 --dec-deg 2",
     ),
     "watch": Command(
         "live view of a running identify_node (needs ROS)",
@@ -152,7 +167,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _module(name: str) -> Any:
-    return import_module(f"star_tracker.commands.{name}")
+    return import_module(f"star_tracker.commands.{name.replace('-', '_')}")
 
 
 def _complain(who: str, message: str) -> None:

@@ -1,42 +1,37 @@
-"""`star_tracker solve`: images, lists of centroids and star maps in, attitudes out. No ROS."""
+"""`star_tracker solve`: images, centroids, star maps and bags in, attitudes out. No ROS."""
 
 import argparse
-import csv
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from glob import glob
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from star_tracker.bags.reading import DamagedBagError, Wanted, is_bag, open_bag
+from star_tracker.bags.writing import STORAGES
 from star_tracker.calibration.camera_file import read_camera
-from star_tracker.commands.options import Record, add_json_argument, json_text
+from star_tracker.commands.options import add_json_argument
+from star_tracker.commands.solve_output import Output
 from star_tracker.detection.centroids import DetectSettings
-from star_tracker.geometry.spherical import ra_dec
 from star_tracker.maps.star_map import PAPER_MAPS, STAR_MAPS_FOLDER
 from star_tracker.offline.solving import Asked, Result, frames_of, solve_frames
-from star_tracker.offline.wcs import header_text
+from star_tracker.offline.spreading import Spread
 from star_tracker.optics.camera import PARITIES
-from star_tracker.resources import resource_path, write_whole
+from star_tracker.resources import resource_path
 from star_tracker.solution import SolveSettings
-
-_COLUMNS = (
-    "file", "status", "ra_deg", "dec_deg", "roll_deg", "fov_deg", "parity", "n_detected",
-    "n_identified", "wrong_probability", "rms_px", "detect_ms", "solve_ms", "reason",
-)
-_STAR_COLUMNS = (
-    "x_px", "y_px", "hip", "v_mag", "ra_deg", "dec_deg", "residual_px", "state",
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the files, what is known of the camera, and what is written."""
     parser.add_argument(
         "files", nargs="+", metavar="FILE",
-        help="image, list of centroids or star map; a number from 1 to 8 is a shipped map",
+        help="image, list of centroids, star map or bag; a number from 1 to 8 is a shipped map",
     )
     add_json_argument(parser)
     parser.add_argument(
@@ -49,7 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--wcs", type=Path, metavar="DIR",
         help="where a FITS header of each solved image goes (none)",
     )
+    parser.add_argument(
+        "--annotate", type=Path, metavar="DIR",
+        help="where each solved image goes with its stars drawn over it, PNG (none)",
+    )
     _add_camera_arguments(parser.add_argument_group("camera (found out where it is not told)"))
+    _add_bag_arguments(parser.add_argument_group("bags"))
     more = parser.add_argument_group("sky and work")
     for option, kind, default, metavar, text in (
         ("--epoch", float, 2000.0, "YEAR", "epoch of the stars' places, Julian year"),
@@ -63,7 +63,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             option, type=kind, default=default, metavar=metavar, help=f"{text} (%(default)s)"
         )
     more.add_argument(
+        "--scheduler", metavar="ADDRESS",
+        help="detect on the Dask cluster of this scheduler, for instance tcp://host:8786 (this "
+        "machine's processes)",
+    )
+    more.add_argument(
         "--independent", action="store_true", help="learn nothing from one file for another"
+    )
+
+
+def _add_bag_arguments(bags: argparse._ArgumentGroup) -> None:
+    """Declare what is read of a bag, and the bag that is written."""
+    bags.add_argument(
+        "--topic", metavar="NAME", help="of images or centroids (the only one that there is)"
+    )
+    bags.add_argument(
+        "--camera-info-topic", metavar="NAME", help="of CameraInfo (camera_info beside the topic)"
+    )
+    bags.add_argument(
+        "--output-bag", type=Path, metavar="FILE",
+        help="where a bag with attitudes and identified stars goes; a name in .mcap or .db3 is "
+        "one file, any other a folder (none)",
+    )
+    bags.add_argument(
+        "--storage", choices=tuple(STORAGES), help="of a bag that is a folder (mcap)"
     )
 
 
@@ -96,29 +119,92 @@ def _add_camera_arguments(camera: argparse._ArgumentGroup) -> None:
 
 
 def execute(options: argparse.Namespace) -> None:
-    """Solve the files. Ends with exit code 1 where one of them could not be used at all."""
+    """Solve files and bags. Ends with exit code 1 where one of them could not be used at all."""
     asked = _asked(options)
-    for folder in (options.stars, options.wcs):
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-    files = [_path(word) for word in options.files]
-    frames = frames_of(files, asked, max(1, options.jobs))
+    spread = Spread(options.jobs, options.scheduler or "")
+    named = {word: _paths(word) for word in options.files}
+    paths = [path for found in named.values() for path in found]
+    bags = [path for path in paths if is_bag(path)]
+    files = [path for path in paths if not is_bag(path)]
+    _check(options, bags)
+    output = Output(options)
+    for word in (word for word, found in named.items() if not found):
+        text = f"no file fits {word}: check the folder and the ending"
+        output.take(Result(Path(word), None, None, text))
     console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+    # What is printed meanwhile goes around the bar only where it goes to the terminal, too.
+    with Progress(
+        console=console, transient=True, disable=not console.is_terminal,
+        redirect_stdout=sys.stdout.isatty(),
+    ) as progress:
         bar = progress.add_task("solving", total=len(files))
-        results = solve_frames(files, frames, asked, done=lambda: progress.advance(bar))
-    for result in results:
-        _print(result, as_json=options.json)
-    _write(results, options)
-    if any(result.error for result in results):
+        if len(files) == 1 and not spread.scheduler:
+            spread = replace(spread, jobs=1)  # a process would start for longer than it works
+        frames = frames_of(files, asked, spread)
+        for result in solve_frames(files, frames, asked, done=lambda: progress.advance(bar)):
+            output.take(result)
+        for path in bags:
+            _solve_bag(path, asked, options, output, progress)
+    output.finish()
+    if output.failed:
         sys.exit(1)
 
 
-def _path(word: str) -> Path:
-    """Return the file that a word names: a shipped star map, where it is its number."""
+def _solve_bag(
+    path: Path, asked: Asked, options: argparse.Namespace, output: Output, progress: Progress
+) -> None:
+    """Solve the frames of a bag; what is wrong with it becomes its result."""
+    from star_tracker.bags.output import declare_topics, write_result
+    from star_tracker.bags.solving import BagSolver
+    from star_tracker.bags.writing import new_bag
+
+    wanted = Wanted(options.topic or "", options.camera_info_topic or "", asked.parity)
+    spread = Spread(options.jobs, options.scheduler or "")
+    with ExitStack() as stack:
+        try:
+            bag = stack.enter_context(open_bag(path, wanted))
+            solver = BagSolver(bag, asked)
+        except ValueError as error:
+            output.take(Result(path, None, None, str(error)))
+            return
+        if solver.note:
+            print(f"star_tracker solve: {solver.note}", file=sys.stderr)
+        writer = None
+        if options.output_bag is not None:
+            writer = stack.enter_context(new_bag(options.output_bag, options.storage))
+            declare_topics(writer)
+        bar = progress.add_task(path.name, total=bag.n_frames)
+        try:
+            for frame, result in solver.results(spread):
+                output.take(result)
+                if writer is not None:
+                    write_result(writer, frame, result)
+                progress.advance(bar)
+        except DamagedBagError as error:
+            output.take(Result(path, None, None, str(error)))
+
+
+def _paths(word: str) -> list[Path]:
+    """Return the files that a word names: one, a shipped star map by its number, or a pattern's.
+
+    A pattern that the shell has left as it is fits none, unless it was quoted.
+    """
     if word in {str(number) for number in PAPER_MAPS} and not Path(word).exists():
-        return resource_path(f"{STAR_MAPS_FOLDER}/map{word}.csv")
-    return Path(word)
+        return [resource_path(f"{STAR_MAPS_FOLDER}/map{word}.csv")]
+    if set(word) & set("*?[") and not Path(word).exists():
+        return [Path(one) for one in sorted(glob(word, recursive=True))]
+    return [Path(word)]
+
+
+def _check(options: argparse.Namespace, bags: Sequence[Path]) -> None:
+    """Raise ValueError for options that do not fit the files."""
+    if options.output_bag is not None and len(bags) != 1:
+        raise ValueError("--output-bag takes what comes of one bag: name one at a time")
+    if options.annotate is not None:
+        if bags:
+            raise ValueError("--annotate draws over image files: leave it out for bags")
+        if find_spec("matplotlib") is None:
+            raise ValueError("pictures need matplotlib: pip install 'star_tracker[plot]'")
 
 
 def _asked(options: argparse.Namespace) -> Asked:
@@ -140,93 +226,3 @@ def _asked(options: argparse.Namespace) -> Asked:
         settings=SolveSettings(method="match_group", deadline_ms=options.deadline_ms),
         detect=DetectSettings(max_stars=options.max_stars), bayer=options.bayer or "",
     )
-
-
-def record_of(result: Result) -> Record:
-    """Return a result as plain values."""
-    solution, frame = result.solution, result.frame
-    if solution is None or frame is None:
-        return {"file": str(result.path), "status": "UNUSABLE", "reason": result.error}
-    attitude, camera = solution.attitude, solution.camera
-    record: Record = {
-        "file": str(result.path), "status": solution.status.value, "ra_deg": None,
-        "dec_deg": None, "roll_deg": None, "fov_deg": None, "parity": solution.parity,
-        "n_detected": len(frame.xy_px), "n_identified": len(solution.identification.identified),
-        "wrong_probability": solution.wrong_probability, "rms_px": solution.rms_px,
-        "detect_ms": frame.detect_ms, "solve_ms": solution.solve_ms, "reason": solution.reason,
-    }
-    if attitude is not None and camera is not None:
-        record |= {
-            "ra_deg": float(np.degrees(attitude.ra_rad)),
-            "dec_deg": float(np.degrees(attitude.dec_rad)),
-            "roll_deg": float(np.degrees(attitude.roll_rad)), "fov_deg": camera.fov_deg,
-        }
-    return record
-
-
-def _print(result: Result, *, as_json: bool) -> None:
-    record: dict[str, Any] = record_of(result)
-    if as_json:
-        print(json_text(record))
-    elif result.error:
-        print(f"UNUSABLE  {result.error}")
-    elif result.is_solved:
-        print(
-            "SOLVED    {file}  RA {ra_deg:.4f} Dec {dec_deg:+.4f} roll {roll_deg:.2f} deg  "
-            "field {fov_deg:.4g} deg {parity}  {n_identified} of {n_detected} stars  "
-            "p(wrong) {wrong_probability:.0e}  rms {rms_px:.2f} px".format(**record)
-        )
-    else:
-        print(
-            f"{record['status']!s:9} {record['file']}  {record['n_detected']} stars: "
-            f"{record['reason']}"
-        )
-
-
-def _write(results: Sequence[Result], options: argparse.Namespace) -> None:
-    """Write the files that are asked for."""
-    if options.csv is not None:
-        _write_table(options.csv, _COLUMNS, [record_of(result) for result in results])
-    for result in results:
-        if not result.is_solved or result.solution is None:
-            continue
-        if options.stars is not None:
-            _write_table(
-                options.stars / f"{result.path.name}.stars.csv", _STAR_COLUMNS, _stars(result)
-            )
-        if options.wcs is not None:
-            write_whole(
-                options.wcs / f"{result.path.name}.wcs", header_text(result.solution)
-            )
-
-
-def _stars(result: Result) -> list[Record]:
-    """Return a row for each centroid of a solved file."""
-    solution, frame = result.solution, result.frame
-    if solution is None or frame is None or solution.catalog is None:
-        return []
-    found, catalog = solution.identification, solution.catalog
-    rows: list[Record] = []
-    for i, (x, y) in enumerate(frame.xy_px.tolist()):
-        row: Record = {"x_px": x, "y_px": y, "state": int(found.state[i])}
-        star = int(found.catalog_index[i])
-        if star >= 0:
-            ra, dec = np.degrees(ra_dec(catalog.vectors[star]))
-            row |= {
-                "hip": int(catalog.hip[star]), "v_mag": float(catalog.v_mag[star]),
-                "ra_deg": float(ra), "dec_deg": float(dec),
-                "residual_px": float(found.residual_px[i]),
-            }
-        rows.append(row)
-    return rows
-
-
-def _write_table(path: Path, columns: Sequence[str], rows: Sequence[Record]) -> None:
-    """Write rows as CSV; raises ValueError where the place does not take it."""
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, columns, restval="")
-            writer.writeheader()
-            writer.writerows(rows)
-    except OSError as error:
-        raise ValueError(f"{path} cannot be written: {error.strerror}") from error

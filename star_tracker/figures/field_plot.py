@@ -5,10 +5,12 @@ star maps of the paper have it: east is then to the left of north, as everywhere
 """
 
 import textwrap
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from star_tracker.figures.field_labels import label_stars
 from star_tracker.figures.field_symbols import Symbols
@@ -22,12 +24,17 @@ _LONG_SIDE, _LEFT, _BOTTOM, _TOP, _GAP, _SIDE = 6.0, 0.52, 0.42, 0.85, 0.5, 1.62
 _NARROWEST, _LOWEST = 6.2, 3.9
 #: Characters of the title to an inch.
 _PER_INCH = 13.5
+#: Percentiles of an image that become the lightest and the darkest grey, and how dark that is.
+_STRETCH, _DARKEST = (25.0, 99.8), 0.6
 #: Text is measured at this resolution.
 _DPI = 144.0
 
 
-def draw_field(view: FieldView) -> Figure:
-    """Return the figure of a frame."""
+def draw_field(view: FieldView, image: NDArray[Any] | None = None) -> Figure:
+    """Return the figure of a frame, over its image (h, w) or (h, w, colours) where there is one.
+
+    The image is drawn dark on light, as the symbols are.
+    """
     width, height = view.camera.width_px, view.camera.height_px
     inch_per_px = _LONG_SIDE / max(width, height)
     wide, high = width * inch_per_px, height * inch_per_px
@@ -35,6 +42,8 @@ def draw_field(view: FieldView) -> Figure:
     figure = new_figure(*size, dpi=_DPI)
     low = size[1] - _TOP - high
     axes = figure.add_axes((_LEFT / size[0], low / size[1], wide / size[0], high / size[1]))
+    if image is not None:
+        _draw_image(axes, image)
     _prepare(axes, view)
     symbols = Symbols.of(view)
     taken = np.zeros((0, 4))
@@ -46,6 +55,20 @@ def draw_field(view: FieldView) -> Figure:
     side = (_LEFT + wide + _GAP) / size[0]
     draw_side_panel(figure, (side, 1 - _TOP / size[1]), inch_per_px, symbols)
     return figure
+
+
+def _draw_image(axes: Axes, image: NDArray[Any]) -> None:
+    """Draw an image as a ground for symbols: light, with the faint things of the sky in it."""
+    grey = np.asarray(image, float)
+    grey = grey[..., :3].mean(axis=2) if grey.ndim == 3 else grey
+    shown = grey[np.isfinite(grey)]
+    low, high = np.percentile(shown, _STRETCH) if shown.size else (0.0, 1.0)
+    part = np.clip((np.nan_to_num(grey) - low) / max(high - low, 1e-12), 0.0, 1.0)
+    height, width = part.shape
+    axes.imshow(
+        1.0 - _DARKEST * part, cmap="gray", vmin=0.0, vmax=1.0, aspect="auto", zorder=-1,
+        extent=(0, width, height, 0), interpolation="antialiased",
+    )
 
 
 def _prepare(axes: Axes, view: FieldView) -> None:

@@ -3,8 +3,10 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.detect import detect_stars
@@ -24,6 +26,7 @@ class FileFrame:
         xy_px: (n, 2) centroids; the origin is the outer corner of the first pixel.
         intensity: (n,) their brightness, None where it is not known.
         detect_ms: CPU time of reading and detecting.
+        is_image: whether the file is an image.
     """
 
     path: Path
@@ -31,6 +34,7 @@ class FileFrame:
     xy_px: Floats
     intensity: Floats | None
     detect_ms: float
+    is_image: bool = False
 
 
 def read_centroids(path: Path, size_px: tuple[int, int] | None) -> FileFrame:
@@ -51,17 +55,33 @@ def read_centroids(path: Path, size_px: tuple[int, int] | None) -> FileFrame:
     return FileFrame(path, size_px, xy, intensity, 0.0)
 
 
-def detect_in(path: Path, settings: DetectSettings, bayer: str = "") -> FileFrame:
-    """Detect the stars of an image file. Raises ValueError naming the file."""
-    started_ns = time.process_time_ns()
-    image = read_image(path)
+@dataclass(frozen=True)
+class OpenImage:
+    """An image (h, w) or (h, w, colours) out of a file, and the CPU time of reading it."""
+
+    path: Path
+    pixels: NDArray[Any]
+    read_ms: float
+
+
+def open_image(path: Path) -> OpenImage:
+    """Read an image file. Raises ValueError naming the file."""
+    started_ns = time.thread_time_ns()
+    pixels = read_image(path)
+    return OpenImage(path, pixels, (time.thread_time_ns() - started_ns) / 1e6)
+
+
+def detect_in(image: OpenImage, settings: DetectSettings, bayer: str = "") -> FileFrame:
+    """Detect the stars of an image. Raises ValueError naming its file."""
+    started_ns = time.thread_time_ns()
     try:
-        found = detect_stars(image, settings, bayer=bayer)
+        found = detect_stars(image.pixels, settings, bayer=bayer)
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    size = int(image.shape[1]), int(image.shape[0])
-    elapsed_ms = (time.process_time_ns() - started_ns) / 1e6
-    return FileFrame(path, size, found.xy_px, np.asarray(found.flux, float), elapsed_ms)
+        raise ValueError(f"{image.path}: {error}") from error
+    size = int(image.pixels.shape[1]), int(image.pixels.shape[0])
+    elapsed_ms = image.read_ms + (time.thread_time_ns() - started_ns) / 1e6
+    flux = np.asarray(found.flux, float)
+    return FileFrame(image.path, size, found.xy_px, flux, elapsed_ms, is_image=True)
 
 
 def is_list(path: Path) -> bool:

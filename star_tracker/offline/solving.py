@@ -1,12 +1,12 @@
 """Many files: stars detected in parallel, then solved in order, each with what was learnt before.
 
-Detection takes most of the time and knows nothing of other files, so it is spread over processes.
-Solving takes a millisecond a frame and is done in order in one process: the results do not depend
-on how many processes there are.
+Detection takes most of the time and knows nothing of other files, so it is spread over processes
+or a Dask cluster, to which the images are sent: its workers need not see the files. Solving takes
+a millisecond a frame and is done in order in one process: the results do not depend on how many
+processes there are.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,16 @@ from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.depth import Depth
 from star_tracker.catalogue.ladder import LadderStep, ladder
 from star_tracker.detection.centroids import DetectSettings
-from star_tracker.offline.frame_file import FileFrame, detect_in, is_list, read_centroids
+from star_tracker.identification.searcher import METHODS
+from star_tracker.offline.frame_file import (
+    FileFrame,
+    OpenImage,
+    detect_in,
+    is_list,
+    open_image,
+    read_centroids,
+)
+from star_tracker.offline.spreading import Spread
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings, Status
 
@@ -50,13 +59,21 @@ class Asked:
     limiting_magnitude: float = 0.0
     independent: bool = False
     settings: SolveSettings = field(
-        default_factory=lambda: SolveSettings(method="match_group", deadline_ms=5000.0)
+        default_factory=lambda: SolveSettings(method=METHODS[0], deadline_ms=5000.0)
     )
     detect: DetectSettings = field(default_factory=DetectSettings)
     bayer: str = ""
 
-    def tracker(self, size_px: tuple[int, int]) -> LearningTracker:
-        """Return a tracker for images of a size. Raises ValueError for a camera of another."""
+    @property
+    def tells_camera(self) -> bool:
+        """Whether the user says what the camera is."""
+        return self.camera is not None or self.fov_deg > 0
+
+    def told(self, size_px: tuple[int, int]) -> Camera | None:
+        """Return the camera that is told for images of a size, None where none is.
+
+        Raises ValueError for a camera of another size.
+        """
         width, height = size_px
         camera = self.camera
         if camera is not None and (camera.width_px, camera.height_px) != size_px:
@@ -69,39 +86,71 @@ class Asked:
                 self.fov_deg, width, height, parity=self.parity,
                 tolerance_percent=self.fov_tolerance_percent,
             )
-        depth = Depth(self.limiting_magnitude)
-        sources = Sources(
-            partial(_database, catalog=self.catalog, epoch=self.epoch, depth=depth),
-            partial(_ladder, self, size_px, depth),
-        )
+        return camera
+
+    def tracker(self, size_px: tuple[int, int], camera: Camera | None) -> LearningTracker:
+        """Return a tracker for images of a size and their camera, None = any."""
+        sources = Sources(self.database_for, partial(_ladder, self, size_px))
         return LearningTracker(sources, camera, self.settings, parity=self.parity)
+
+    def database_for(self, camera: Camera) -> FeatureDatabase:
+        """Return the guide stars that suit a camera. Raises ValueError."""
+        return FeatureDatabase.for_camera(
+            camera, catalog=self.catalog, epoch=self.epoch, depth=self.depth,
+            with_patterns=self.settings.method != METHODS[0],
+        )
+
+    @property
+    def depth(self) -> Depth:
+        """What of the catalogue is searched."""
+        return Depth(self.limiting_magnitude)
 
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a file: its frame and solution, or the sentence that says what is wrong."""
+    """What became of a file, or of a frame of a bag.
+
+    Attributes:
+        path: the file.
+        frame, solution: None where it cannot be used.
+        error: the sentence that says what is wrong with it then.
+        place: where in the bag it is, None for a file that is one frame.
+    """
 
     path: Path
     frame: FileFrame | None
     solution: Solution | None
     error: str = ""
+    place: "Place | None" = None
 
     @property
     def is_solved(self) -> bool:
         """Whether there is an attitude."""
         return self.solution is not None and self.solution.status is Status.SOLVED
 
+    @property
+    def name(self) -> str:
+        """What files about it are called after."""
+        return self.path.name if self.place is None else f"{self.path.name}.{self.place.number}"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a frame is in a bag: its topic, number in it from 0, and stamp."""
+
+    topic: str
+    number: int
+    stamp_ns: int
+
 
 def frames_of(
-    paths: Sequence[Path], asked: Asked, jobs: int
+    paths: Sequence[Path], asked: Asked, spread: Spread
 ) -> Iterator[FileFrame | ValueError]:
     """Yield the frames of files in order, or the error of one that cannot be used."""
-    work = partial(_frame, asked)
-    if jobs == 1 or len(paths) == 1:
-        yield from map(work, paths)
-        return
-    with ProcessPoolExecutor(max_workers=jobs) as pool:
-        yield from pool.map(work, paths)
+    if spread.scheduler:
+        yield from spread.map(partial(_detected, asked), map(partial(_opened, asked), paths))
+    else:
+        yield from spread.map(partial(_frame, asked), paths)
 
 
 def solve_frames(
@@ -123,13 +172,26 @@ def solve_frames(
     ]
 
 
-def _frame(asked: Asked, path: Path) -> FileFrame | ValueError:
+def _opened(asked: Asked, path: Path) -> OpenImage | FileFrame | ValueError:
     try:
-        if is_list(path):
-            return read_centroids(path, asked.size_px)
-        return detect_in(path, asked.detect, asked.bayer)
+        return read_centroids(path, asked.size_px) if is_list(path) else open_image(path)
     except ValueError as error:
         return error
+
+
+def _detected(
+    asked: Asked, opened: OpenImage | FileFrame | ValueError
+) -> FileFrame | ValueError:
+    if not isinstance(opened, OpenImage):
+        return opened
+    try:
+        return detect_in(opened, asked.detect, asked.bayer)
+    except ValueError as error:
+        return error
+
+
+def _frame(asked: Asked, path: Path) -> FileFrame | ValueError:
+    return _detected(asked, _opened(asked, path))
 
 
 def _solved(
@@ -140,20 +202,16 @@ def _solved(
         return Result(path, None, None, str(frame))
     try:
         if asked.independent or frame.size_px not in trackers:
-            trackers[frame.size_px] = asked.tracker(frame.size_px)
+            trackers[frame.size_px] = asked.tracker(
+                frame.size_px, asked.told(frame.size_px)
+            )
         solution = trackers[frame.size_px].solve(frame.xy_px, frame.intensity)
     except ValueError as error:
         return Result(path, frame, None, f"{path}: {error}")
     return Result(path, frame, solution)
 
 
-def _database(camera: Camera, *, catalog: str, epoch: float, depth: Depth) -> FeatureDatabase:
-    return FeatureDatabase.for_camera(
-        camera, catalog=catalog, epoch=epoch, depth=depth, with_patterns=False
-    )
-
-
-def _ladder(asked: Asked, size_px: tuple[int, int], depth: Depth) -> Sequence[LadderStep]:
+def _ladder(asked: Asked, size_px: tuple[int, int]) -> Sequence[LadderStep]:
     return ladder(
-        asked.fov_range_deg, size_px, catalog=asked.catalog, epoch=asked.epoch, depth=depth
+        asked.fov_range_deg, size_px, catalog=asked.catalog, epoch=asked.epoch, depth=asked.depth
     )

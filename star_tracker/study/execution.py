@@ -1,24 +1,17 @@
 """Where the chunks run: in processes on this machine, or on a Dask cluster."""
 
 import signal
-import socket
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import current_thread, main_thread
-from typing import TYPE_CHECKING
-from urllib.parse import urlsplit
 
 import joblib
 
+from star_tracker.offline.cluster import connected
 from star_tracker.study.chunks import Chunk, Outcomes, key, measuring_sources, run
 from star_tracker.study.store import Store
 
-if TYPE_CHECKING:
-    from distributed import Client
-
-_CONNECT_S = 10
-_SCHEMES = ("tcp", "tls")
 #: Yields the results of chunks, each with its place among them, in any order.
 Execute = Callable[[list[Chunk]], Iterator[tuple[int, list[Outcomes]]]]
 
@@ -77,8 +70,8 @@ def on_cluster(address: str) -> Execute:
     """
 
     def execute(chunks: list[Chunk]) -> Iterator[tuple[int, list[Outcomes]]]:
-        client = _client(address)
-        import distributed  # noqa: PLC0415  _client has found it
+        client = connected(address)
+        import distributed  # noqa: PLC0415  it is there
 
         sources = measuring_sources()
         with client:
@@ -103,41 +96,6 @@ def on_cluster(address: str) -> Execute:
                 client.cancel(list(futures))
 
     return execute
-
-
-def _client(address: str) -> "Client":
-    """Connect to a Dask scheduler. Raises ValueError where that is not possible."""
-    try:
-        from distributed import Client  # noqa: PLC0415  only for this
-    except ModuleNotFoundError as error:
-        raise ValueError(
-            f"--scheduler needs {error.name}: pip install 'star_tracker[dask]'"
-        ) from error
-    try:
-        _knock(address)
-        return Client(address, timeout=_CONNECT_S, set_as_default=False)
-    except OSError as error:
-        raise ValueError(
-            f"no Dask scheduler answers at {address}: start `dask scheduler` there and "
-            f"`dask worker {address}`, or check the address ({error})"
-        ) from error
-
-
-def _knock(address: str) -> None:
-    """See that something listens at an address: Dask itself would try for a long time.
-
-    Raises OSError where nothing does, ValueError for what is no address.
-    """
-    parts = urlsplit(address)
-    try:
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host, port = None, None
-    if parts.scheme not in _SCHEMES or not host or not port:
-        raise ValueError(
-            f"--scheduler {address!r} is no address: give one such as tcp://host:8786"
-        )
-    socket.create_connection((host, port), _CONNECT_S).close()
 
 
 def run_all(
