@@ -37,6 +37,11 @@ class Frame:
     step: float
     channel: NDArray[np.int64]
 
+    @property
+    def is_blank(self) -> bool:
+        """Whether no pixel is to be used."""
+        return self.pixels.size == 0 or bool(np.isnan(np.fmax.reduce(self.pixels, axis=None)))
+
 
 def as_frame(
     image: ArrayLike,
@@ -55,8 +60,10 @@ def as_frame(
     _check(values, "image")
     _check_bayer(bayer, values)
     pixels = _one_plane(values)
-    usable = _only_finite(pixels)
-    level = _saturation(values, pixels) if saturation_level is None else saturation_level
+    usable = _only_finite(pixels) if values.dtype.kind == "f" else pixels.size > 0
+    level = saturation_level
+    if level is None:
+        level = _saturation(values, pixels) if usable else np.inf
     clipped = None
     if values.ndim == 3 and np.isfinite(level):
         clipped = np.any(values[:, :, :3] >= level, axis=2)
@@ -134,9 +141,10 @@ def _companion(values: ArrayLike, shape: tuple[int, ...], name: str) -> Plane:
 
 
 def _saturation(values: NDArray[np.generic], pixels: Plane) -> float:
-    """Return from which value on pixels count as saturated, infinity where none does."""
-    if pixels.size == 0 or np.isnan(pixels).all():
-        return np.inf
+    """Return from which value on pixels count as saturated, infinity where none does.
+
+    A pixel at least is finite.
+    """
     colours = values if values.ndim == 2 else values[:, :, :3]
     largest = float(np.nanmax(pixels) if values.dtype.kind == "f" else colours.max())
     if np.issubdtype(values.dtype, np.integer) and largest == np.iinfo(values.dtype.str).max:

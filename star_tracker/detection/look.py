@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from star_tracker.detection.background import subtract_background
 from star_tracker.detection.centroids import PSF_RANGE_PX, DetectSettings
+from star_tracker.detection.filter import matched_filter
 from star_tracker.detection.image import Frame, Plane
 from star_tracker.detection.psf import Psf
-from star_tracker.detection.search import find_peaks, matched_filter
+from star_tracker.detection.search import find_peaks
 from star_tracker.detection.stars import Scene
 from star_tracker.detection.tiles import Tiles, tile_size_px
 from star_tracker.detection.width import image_psf
