@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from star_tracker.compiled import compiled
-from star_tracker.detection.image import Frame, Plane
+from star_tracker.detection.image import Frame
+from star_tracker.detection.planes import Plane
 from star_tracker.detection.tiles import Tiles, clear, cut, measure_tiles
 
 #: Bound of the influence of a pixel on the offset of its row or column, in noises, and the share
@@ -26,40 +27,40 @@ _ROW_STRIDES = (4, 4, 1)
 _SHORTEST_LINE = 100
 
 
-def subtract_background(frame: Frame, size_px: int) -> tuple[Plane, Tiles]:
-    """Return what a frame's stars add to the background (h, w), unusable pixels 0, and the tiles.
+def subtract_background(frame: Frame, size_px: int, residual: Plane) -> Tiles:
+    """Write what a frame's stars add to the background (h, w), 0 where unusable; return the tiles.
 
     The colours of a Bayer pattern have backgrounds of their own; the tiles returned are those of
     all together.
     """
     if not frame.channel.any():
-        return _subtract_plane(frame.pixels, frame.step, size_px)
-    residual = np.zeros_like(frame.pixels)
+        return _subtract_plane(frame.pixels, frame.step, size_px, residual)
     for y in range(2):
         for x in range(2):
-            plane = np.ascontiguousarray(frame.pixels[y::2, x::2])
-            if plane.size:
-                residual[y::2, x::2], _ = _subtract_plane(plane, frame.step, size_px // 2)
+            colour = np.ascontiguousarray(frame.pixels[y::2, x::2])
+            left = np.empty_like(colour)
+            _subtract_plane(colour, frame.step, size_px // 2, left)
+            residual[y::2, x::2] = left
     tiles = cut(frame.pixels.shape, size_px)
     measure_tiles(frame.pixels, tiles, frame.step)
-    return residual, tiles
+    return tiles
 
 
-def _subtract_plane(pixels: Plane, step: float, size_px: int) -> tuple[Plane, Tiles]:
+def _subtract_plane(pixels: Plane, step: float, size_px: int, residual: Plane) -> Tiles:
     tiles = cut(pixels.shape, size_px)
     measure_tiles(pixels, tiles, step)
     usable = np.isfinite(tiles.noise)
     if not usable.any():
-        return np.zeros_like(pixels), tiles
+        residual[:] = 0.0
+        return tiles
     tiles.level[~usable] = np.median(tiles.level[usable])
-    residual = np.empty_like(pixels)
     height, width = pixels.shape
     _subtract_tiles(pixels, tiles, residual, width >= _SHORTEST_LINE)
     if np.isnan(np.min(pixels)):
         residual[np.isnan(pixels)] = 0.0
     if height >= _SHORTEST_LINE:
         _subtract_columns(residual, tiles)
-    return residual, tiles
+    return tiles
 
 
 class Weights(NamedTuple):

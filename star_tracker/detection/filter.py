@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from star_tracker.compiled import compiled
-from star_tracker.detection.image import Plane
+from star_tracker.detection.planes import Plane
 from star_tracker.detection.psf import REACH_SIGMAS, Psf, gaussian_profile
 from star_tracker.detection.tiles import ROUNDING, Tiles, clear, copy, quantile, sample_tile
 from star_tracker.geometry.spherical import Floats
@@ -46,12 +46,13 @@ class Filtered(NamedTuple):
     norm: float
 
 
-def matched_filter(residual: Plane, tiles: Tiles, psf: Psf, step: float) -> Filtered:
-    """Filter a residual (h, w) for stars that look like `psf`."""
+def matched_filter(
+    residual: Plane, tiles: Tiles, psf: Psf, step: float, flux: Plane
+) -> Filtered:
+    """Filter a residual (h, w) for stars that look like `psf`; `flux` (h, w) is room for it."""
     reach = math.ceil(REACH_SIGMAS * psf.sigma_px + 0.5)
     profile = gaussian_profile(psf.sigma_px, reach)
     round_norm = float(np.sum(profile**2)) ** 2
-    flux = np.empty_like(residual)
     taps = np.pad(profile, (0, -len(profile) % _TAPS)).astype(np.float32)
     _correlate(residual, taps, np.float32(1 / round_norm), flux)
     norm = round_norm

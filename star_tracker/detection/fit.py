@@ -14,7 +14,7 @@ import numpy as np
 
 from star_tracker.compiled import compiled
 from star_tracker.detection.centroids import Flag
-from star_tracker.detection.image import Plane
+from star_tracker.detection.planes import Plane
 from star_tracker.detection.psf import Psf, star_shape
 from star_tracker.detection.stars import Scene, Star, Window, noise_at, window_of
 from star_tracker.geometry.spherical import Floats
@@ -34,6 +34,8 @@ _FLAT_NOISES, _HALO = 0.2, 0.02
 _STEP_SIGMAS, _STEP_WIDTH = 0.7, 0.4
 #: Widths that a fit may take, px; and what may still become a star, in widths of one.
 _WIDTHS_PX, _WIDEST = (0.1, 30.0), 3.5
+#: Of the error that a star's noise gives its place anyway, so much does not matter.
+_SETTLED_PART = 0.05
 #: Fewer pixels than this determine nothing.
 _FEWEST_PIXELS = 8
 
@@ -91,7 +93,9 @@ def fit_star(scene: Scene, star: Star, flux: Floats, psf: Psf, how: Fitting) -> 
     n_fluxes = 1 + np.max(scene.channel)
     flat = _FLAT_NOISES * star.noise + _HALO * max(star.peak, 0.0)
     normal, right = np.empty((_MOST, _MOST)), np.empty(_MOST)
-    before = 0.0
+    before, settled = 0.0, how.settled_px
+    if star.snr > 0.0:
+        settled = max(settled, _SETTLED_PART * star.sigma / star.snr)
     for _ in range(_MAX_ITERATIONS):
         shape = Psf(star.sigma, psf.dx_px, psf.dy_px)
         star_shape(shape, star.x, star.y, window.corner, window.shape)
@@ -108,7 +112,7 @@ def fit_star(scene: Scene, star: Star, flux: Floats, psf: Psf, how: Fitting) -> 
                 and _WIDTHS_PX[0] < star.sigma < how.widest_px):
             return False
         # Steps shrink by about the same factor each time.
-        if moved < how.settled_px or moved * moved < 0.5 * how.settled_px * before:
+        if moved < settled or moved * moved < 0.5 * settled * before:
             _sum_up(scene, star, flux, window)
             return True
         before = moved

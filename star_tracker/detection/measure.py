@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from star_tracker.compiled import compiled
 from star_tracker.detection.centroids import Flag
 from star_tracker.detection.fit import fit_star, fitting
-from star_tracker.detection.image import Plane
+from star_tracker.detection.planes import Plane
 from star_tracker.detection.moments import adaptive_moments
 from star_tracker.detection.psf import Psf
 from star_tracker.detection.stars import Scene, Star, Stars, add_star, noise_at

@@ -91,4 +91,5 @@ def refine(scene: Scene, stars: Stars, n: int, fluxes: Floats, psf: Psf) -> None
             if not fit_star(scene, star, fluxes[k], psf, fitting(star, psf, _FINELY_PX)):
                 star.x, star.y, star.sigma, star.background = before
                 fluxes[k] = flux_before
-            add_star(scene, star, fluxes[k], psf, -1.0)
+            if star.neighbours > 0:  # else nobody looks at its pixels again
+                add_star(scene, star, fluxes[k], psf, -1.0)

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from star_tracker.compiled import compiled
 from star_tracker.detection.filter import Filtered
-from star_tracker.detection.image import Plane
+from star_tracker.detection.planes import Plane
 from star_tracker.detection.tiles import Tiles, quantile
 from star_tracker.geometry.spherical import Floats
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from star_tracker.compiled import compiled
-from star_tracker.detection.image import Plane
+from star_tracker.detection.planes import Plane
 from star_tracker.detection.psf import REACH_SIGMAS, Psf, star_shape
 from star_tracker.geometry.spherical import Floats
 

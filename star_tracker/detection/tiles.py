@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from star_tracker.compiled import compiled
-from star_tracker.detection.image import Plane
+from star_tracker.detection.planes import Plane
 
 #: A tile is so many pixels wide: a star covers little of it, a glow does not change much over it.
 TILE_PX = 32

@@ -16,8 +16,8 @@ from star_tracker.geometry.spherical import Floats
 
 #: So many stars tell the width well enough, and fewer than these do not tell it at all.
 _MOST, _FEWEST = 24, 3
-#: So many peaks are looked at, and so many give their moments.
-_MOST_PEAKS, _MOST_MOMENTS = 150, 20
+#: So many peaks are looked at, so many of them are fitted, and so many give their moments.
+_MOST_PEAKS, _MOST_FITS, _MOST_MOMENTS = 150, 60, 15
 #: A star wider by this factor than supposed needs a larger window, so many times at the most.
 _WIDER, _WINDOWS = 1.3, 3
 #: Room about a star beyond a fit's usual window, and the widest that is looked for, in widths:
@@ -108,9 +108,9 @@ def _shapes(
     lines from points: those of some are enough.
     """
     psf, sharpest, limit = known
-    n = 0
+    n = n_fits = 0
     for k in range(min(len(peaks), _MOST_PEAKS)):
-        if n == len(shapes):
+        if n == len(shapes) or n_fits == _MOST_FITS:
             break
         row, column = peaks[k]
         brightest = np.max(scene.pixels[
@@ -118,9 +118,10 @@ def _shapes(
         ])
         if not brightest < limit or is_hot(scene, row, column, sharpest):
             continue
+        n_fits += 1
         shapes[n] = np.nan
         shapes[n, 0] = _width(scene, row, column, psf.sigma_px, stars[0])
-        if n < _MOST_MOMENTS:
+        if n_fits <= _MOST_MOMENTS:
             shapes[n, 1:] = adaptive_moments(
                 scene.residual, column + 0.5, row + 0.5, psf.sigma_px
             )[2:]
