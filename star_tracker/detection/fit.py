@@ -25,11 +25,11 @@ _WIDTH_SPREAD, _WINGS_SPREAD = 0.25, 1.0
 #: Unknowns before the fluxes, and at the most.
 _PLACE, _WIDTH, _BACKGROUND, _FLUX, _MOST = 0, 2, 3, 4, 7
 _MAX_ITERATIONS = 15
-#: A fit looks so many widths far: less than 2 % of what the pixels know of the place is beyond.
-_REACH_SIGMAS = 2.2
+#: A fit looks so many widths far: less than 1 % of what the pixels know of the place is beyond.
+_REACH_SIGMAS = 2.6
 #: Standard deviation of the background's error, in noises and, for the halo that lenses draw about
 #: bright stars, as a part of the star's peak.
-_FLAT_NOISES, _HALO = 0.2, 0.02
+_FLAT_NOISES, _HALO = 0.3, 0.02
 #: Longest steps: in the place, in widths of the star; in the logarithm of the width.
 _STEP_SIGMAS, _STEP_WIDTH = 0.7, 0.4
 #: Widths that a fit may take, px; and what may still become a star, in widths of one.

@@ -19,8 +19,8 @@ from star_tracker.detection.width import image_psf
 
 #: The first look supposes stars of this width, px. One that is off by `_SAME_WIDTH`, as the pixels
 #: see it, costs 8 % of the signal to noise, 2 r / (1 + r^2); only beyond it the image is filtered
-#: again. These suit most stars: those from 0.4 to 1.1 px.
-_FIRST_SIGMA_PX, _SAME_WIDTH = 0.7, 1.5
+#: again.
+_FIRST_SIGMA_PX, _SAME_WIDTH = 0.8, 1.5
 #: Lines whose ends are off by no more than this, in widths, are the same.
 _SAME_LINE = 1.5
 _MOST_LOOKS = 4

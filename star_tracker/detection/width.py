@@ -22,7 +22,7 @@ _MOST_PEAKS, _MOST_FITS, _MOST_MOMENTS = 150, 60, 15
 _WIDER, _WINDOWS = 1.3, 3
 #: Room about a star beyond a fit's usual window, and the widest that is looked for, in widths:
 #: what is wider is for an image of larger pixels.
-_ROOM, _WIDEST = 1.8, 4.0
+_ROOM, _WIDEST = 1.4, 4.0
 #: Their least signal to noise: a width is then good to some 20 %.
 _LEAST_SNR = 7.0
 #: Nothing is supposed of the width itself: a prior of this standard deviation of its logarithm.
