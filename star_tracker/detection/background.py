@@ -12,54 +12,55 @@ from typing import NamedTuple
 import numpy as np
 
 from star_tracker.compiled import compiled
-from star_tracker.detection.image import Frame, Plane
-from star_tracker.detection.tiles import Tiles, cut, measure_tiles
+from star_tracker.detection.image import Frame
+from star_tracker.detection.planes import Plane
+from star_tracker.detection.tiles import Tiles, clear, cut, measure_tiles
 
 #: Bound of the influence of a pixel on the offset of its row or column, in noises, and the share
 #: of Gaussian noise within: the slope of the mean influence at 0.
 _HUBER, _HUBER_SLOPE = 2.0, 0.9545
-_ITERATIONS = 3
-_LANES = 256
+#: The first estimates of a row's offset take one stretch of pixels in so many, the last all.
+_LANES, _STRETCHES = 64, (4, 4, 1)
 #: The columns' offsets are first estimated from every so many rows, at last from all.
 _ROW_STRIDES = (4, 4, 1)
 #: A row or column with fewer pixels is left alone: a star would have a say in its offset.
 _SHORTEST_LINE = 100
 
 
-def subtract_background(frame: Frame, size_px: int) -> tuple[Plane, Tiles]:
-    """Return what a frame's stars add to the background (h, w), unusable pixels 0, and the tiles.
+def subtract_background(frame: Frame, size_px: int, residual: Plane) -> Tiles:
+    """Write what a frame's stars add to the background (h, w), 0 where unusable; return the tiles.
 
     The colours of a Bayer pattern have backgrounds of their own; the tiles returned are those of
     all together.
     """
     if not frame.channel.any():
-        return _subtract_plane(frame.pixels, frame.step, size_px)
-    residual = np.zeros_like(frame.pixels)
+        return _subtract_plane(frame.pixels, frame.step, size_px, residual)
     for y in range(2):
         for x in range(2):
-            plane = np.ascontiguousarray(frame.pixels[y::2, x::2])
-            if plane.size:
-                residual[y::2, x::2], _ = _subtract_plane(plane, frame.step, size_px // 2)
+            colour = np.ascontiguousarray(frame.pixels[y::2, x::2])
+            left = np.empty_like(colour)
+            _subtract_plane(colour, frame.step, size_px // 2, left)
+            residual[y::2, x::2] = left
     tiles = cut(frame.pixels.shape, size_px)
     measure_tiles(frame.pixels, tiles, frame.step)
-    return residual, tiles
+    return tiles
 
 
-def _subtract_plane(pixels: Plane, step: float, size_px: int) -> tuple[Plane, Tiles]:
+def _subtract_plane(pixels: Plane, step: float, size_px: int, residual: Plane) -> Tiles:
     tiles = cut(pixels.shape, size_px)
     measure_tiles(pixels, tiles, step)
     usable = np.isfinite(tiles.noise)
     if not usable.any():
-        return np.zeros_like(pixels), tiles
+        residual[:] = 0.0
+        return tiles
     tiles.level[~usable] = np.median(tiles.level[usable])
-    residual = np.empty_like(pixels)
     height, width = pixels.shape
     _subtract_tiles(pixels, tiles, residual, width >= _SHORTEST_LINE)
     if np.isnan(np.min(pixels)):
         residual[np.isnan(pixels)] = 0.0
     if height >= _SHORTEST_LINE:
         _subtract_columns(residual, tiles)
-    return residual, tiles
+    return tiles
 
 
 class Weights(NamedTuple):
@@ -114,7 +115,7 @@ def _subtract_tiles(pixels: Plane, tiles: Tiles, residual: Plane, rows_too: bool
             if row >= tiles.y[tile_row + 1]:
                 tile_row += 1
                 total = _weigh(tiles, tile_row, weights)
-            residual[row] -= np.float32(_row_offset(residual[row], weights, total, lanes))
+            _shift(residual[row], np.float32(_row_offset(residual[row], weights, total, lanes)))
 
 
 @compiled
@@ -146,6 +147,12 @@ def _subtract_line(
 
 
 @compiled
+def _shift(line: Plane, offset: float) -> None:
+    for x in range(len(line)):
+        line[x] -= offset
+
+
+@compiled
 def _row_offset(line: Plane, weights: Weights, weight: float, lanes: Plane) -> float:
     """Return the offset of a row of the residual, given the sum of its pixels' weights.
 
@@ -155,19 +162,19 @@ def _row_offset(line: Plane, weights: Weights, weight: float, lanes: Plane) -> f
     if weight == 0.0:
         return 0.0
     offset = 0.0
-    for _ in range(_ITERATIONS):
-        lanes[:] = 0.0
-        at = np.float32(offset)
-        for begin in range(0, len(line), n):
+    for skip in _STRETCHES:
+        clear(lanes)
+        taken, at = 0, np.float32(offset)
+        for begin in range(0, len(line), skip * n):
             part = line[begin : begin + n]
             bound, unit = weights.bound[begin : begin + n], weights.unit[begin : begin + n]
             for x in range(len(part)):
                 lanes[x] += unit[x] * min(max(part[x] - at, -bound[x]), bound[x])
-        rest = n
-        while rest > 1:
-            rest //= 2
-            lanes[:rest] += lanes[rest : 2 * rest]
-        offset += float(lanes[0]) / (_HUBER_SLOPE * weight)
+            taken += len(part)
+        total = 0.0
+        for x in range(n):
+            total += lanes[x]
+        offset += len(line) / taken * total / (_HUBER_SLOPE * weight)
     return float(offset)
 
 
@@ -184,11 +191,23 @@ def _subtract_columns(residual: Plane, tiles: Tiles) -> None:
             _weigh(tiles, i, weights)
             for row in range(tiles.y[i], tiles.y[i + 1], stride):
                 _gather(residual[row], offset, weights, step)
-                weight += weights.unit
+                _sum_up(weights.unit, weight)
         for x in range(width):
             offset[x] += step[x] / (np.float32(_HUBER_SLOPE) * weight[x])
     for row in range(height):
-        residual[row] -= offset
+        _subtract(residual[row], offset)
+
+
+@compiled
+def _sum_up(line: Plane, total: Plane) -> None:
+    for x in range(len(line)):
+        total[x] += line[x]
+
+
+@compiled
+def _subtract(line: Plane, offset: Plane) -> None:
+    for x in range(len(line)):
+        line[x] -= offset[x]
 
 
 @compiled

@@ -41,7 +41,7 @@ def detect_stars(
     frame = as_frame(
         image, bayer=bayer, mask=mask, dark=dark, saturation_level=asked.saturation_level
     )
-    if min(frame.pixels.shape) < _SMALLEST_PX or np.isnan(frame.pixels).all():
+    if min(frame.pixels.shape) < _SMALLEST_PX or frame.is_blank:
         return Centroids.none(ImageQuality())
     look = look_at(frame, asked)
     return _centroids(_measure(look, asked), asked, _quality(look))

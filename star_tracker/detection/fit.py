@@ -14,6 +14,7 @@ import numpy as np
 
 from star_tracker.compiled import compiled
 from star_tracker.detection.centroids import Flag
+from star_tracker.detection.planes import Plane
 from star_tracker.detection.psf import Psf, star_shape
 from star_tracker.detection.stars import Scene, Star, Window, noise_at, window_of
 from star_tracker.geometry.spherical import Floats
@@ -23,11 +24,18 @@ _SATURATED = int(Flag.SATURATED)
 _WIDTH_SPREAD, _WINGS_SPREAD = 0.25, 1.0
 #: Unknowns before the fluxes, and at the most.
 _PLACE, _WIDTH, _BACKGROUND, _FLUX, _MOST = 0, 2, 3, 4, 7
-_MAX_ITERATIONS = 25
+_MAX_ITERATIONS = 15
+#: A fit looks so many widths far: less than 1 % of what the pixels know of the place is beyond.
+_REACH_SIGMAS = 2.6
+#: Standard deviation of the background's error, in noises and, for the halo that lenses draw about
+#: bright stars, as a part of the star's peak.
+_FLAT_NOISES, _HALO = 0.3, 0.02
 #: Longest steps: in the place, in widths of the star; in the logarithm of the width.
 _STEP_SIGMAS, _STEP_WIDTH = 0.7, 0.4
-#: Widths that a fit may take, px.
-_WIDTHS_PX = (0.1, 30.0)
+#: Widths that a fit may take, px; and what may still become a star, in widths of one.
+_WIDTHS_PX, _WIDEST = (0.1, 30.0), 3.5
+#: Of the error that a star's noise gives its place anyway, so much does not matter.
+_SETTLED_PART = 0.05
 #: Fewer pixels than this determine nothing.
 _FEWEST_PIXELS = 8
 
@@ -37,18 +45,38 @@ class Fitting(NamedTuple):
 
     Attributes:
         hold: standard deviation of the prior on the logarithm of the width about the PSF's.
-        settled_px: the fit is at its end where a step is shorter than this.
+        settled_px: the fit is at its end where a step, or the next one as it looks, is shorter.
+        widest_px: what gets wider than this is no star, and its fit is given up.
     """
 
     hold: float
     settled_px: float
+    widest_px: float
+
+
+class Light(NamedTuple):
+    """What is supposed of pixels of one colour.
+
+    Attributes:
+        flux, background: of the star, as far as they are known.
+        variance: of a pixel without the star; `shot` is what the star adds for each unit.
+        shot: see `Scene`.
+        limit: pixels from this value on do not count.
+    """
+
+    flux: float
+    background: float
+    variance: float
+    shot: float
+    limit: float
 
 
 @compiled
-def fitting(star: Star, settled_px: float) -> Fitting:
+def fitting(star: Star, psf: Psf, settled_px: float) -> Fitting:
     """Return how a star is fitted: the wings of a saturated one are wider than its core."""
-    saturated = star.flags & _SATURATED != 0
-    return Fitting(_WINGS_SPREAD if saturated else _WIDTH_SPREAD, settled_px)
+    if star.flags & _SATURATED != 0:
+        return Fitting(_WINGS_SPREAD, settled_px, _WIDTHS_PX[1])
+    return Fitting(_WIDTH_SPREAD, settled_px, _WIDEST * psf.sigma_px)
 
 
 @compiled
@@ -58,12 +86,16 @@ def fit_star(scene: Scene, star: Star, flux: Floats, psf: Psf, how: Fitting) -> 
     `flux` (3,) is that of each colour. Returns whether the fit settled.
     """
     hold = how.hold
-    window = window_of(scene, star, psf)
+    window = window_of(scene, star, psf, _REACH_SIGMAS)
     start_x, start_y = star.x, star.y
     farthest = 2.0 * star.sigma + 1.0 + star.reach
     star.noise = noise_at(scene, star.x, star.y)
     n_fluxes = 1 + np.max(scene.channel)
+    flat = _FLAT_NOISES * star.noise + _HALO * max(star.peak, 0.0)
     normal, right = np.empty((_MOST, _MOST)), np.empty(_MOST)
+    before, settled = 0.0, how.settled_px
+    if star.snr > 0.0:
+        settled = max(settled, _SETTLED_PART * star.sigma / star.snr)
     for _ in range(_MAX_ITERATIONS):
         shape = Psf(star.sigma, psf.dx_px, psf.dy_px)
         star_shape(shape, star.x, star.y, window.corner, window.shape)
@@ -71,17 +103,19 @@ def fit_star(scene: Scene, star: Star, flux: Floats, psf: Psf, how: Fitting) -> 
             return False
         normal[_WIDTH, _WIDTH] += 1 / hold**2
         right[_WIDTH] += math.log(psf.sigma_px / star.sigma) / hold**2
-        normal[_BACKGROUND, _BACKGROUND] += 1 / star.noise**2
-        right[_BACKGROUND] -= star.background / star.noise**2
+        normal[_BACKGROUND, _BACKGROUND] += 1 / flat**2
+        right[_BACKGROUND] -= star.background / flat**2
         if not _solve(normal, right, _FLUX + n_fluxes):
             return False
         moved = _step(star, flux, right, n_fluxes)
         if not (math.hypot(star.x - start_x, star.y - start_y) < farthest
-                and _WIDTHS_PX[0] < star.sigma < _WIDTHS_PX[1]):
+                and _WIDTHS_PX[0] < star.sigma < how.widest_px):
             return False
-        if moved < how.settled_px:
+        # Steps shrink by about the same factor each time.
+        if moved < settled or moved * moved < 0.5 * settled * before:
             _sum_up(scene, star, flux, window)
             return True
+        before = moved
     return False
 
 
@@ -89,45 +123,80 @@ def fit_star(scene: Scene, star: Star, flux: Floats, psf: Psf, how: Fitting) -> 
 def _equations(
     scene: Scene, star: Star, flux: Floats, window: Window, system: tuple[Floats, Floats]
 ) -> int:
-    """Write the normal equations of a step, lower half; return the number of pixels that count.
-
-    The sums over all pixels are numbers of their own, which stay in registers; those of each
-    colour's flux are few.
-    """
+    """Write the normal equations of a step, lower half; return the number of pixels that count."""
     normal, right = system
     normal[:], right[:] = 0.0, 0.0
     left, top = window.corner
-    shape, level, shot = window.shape, scene.saturation_level, scene.shot
-    base, background = star.noise * star.noise, star.background
+    _, ny, nx = window.shape.shape
+    # Of a Bayer pattern every second pixel of every second row has the same colour.
+    apart = 1 if np.max(scene.channel) == 0 else 2
+    n_pixels = 0
+    for i in range(min(apart, ny)):
+        for j in range(min(apart, nx)):
+            colour = scene.channel[(top + i) & 1, (left + j) & 1]
+            light = Light(
+                flux[colour], star.background, star.noise * star.noise, scene.shot,
+                scene.saturation_level,
+            )
+            n, sums = _sums(
+                scene.pixels[top + i : top + ny : apart, left + j : left + nx : apart],
+                scene.residual[top + i : top + ny : apart, left + j : left + nx : apart],
+                window.shape[:, i::apart, j::apart], light,
+            )
+            _add_sums(sums, _FLUX + colour, normal, right)
+            n_pixels += n
+    return n_pixels
+
+
+@compiled
+def _sums(
+    pixels: Plane, residual: Plane, shape: Floats, light: Light
+) -> tuple[int, tuple[float, ...]]:
+    """Return how many pixels (m, n) of one colour count, and their sums for `_add_sums`.
+
+    `shape` (4, m, n) is the star's there. The sums are numbers of their own, which stay in
+    registers.
+    """
+    star, by_x, by_y, by_width = shape
+    share, background = light.flux, light.background
     n_pixels = 0
     xx = xy = yy = xw = yw = ww = xb = yb = wb = bb = rx = ry = rw = rb = 0.0
-    for i in range(shape.shape[1]):
-        for j in range(shape.shape[2]):
-            if not scene.pixels[top + i, left + j] < level:  # nor NaN
+    fx = fy = fw = fb = ff = rf = 0.0
+    for i in range(star.shape[0]):
+        for j in range(star.shape[1]):
+            if not pixels[i, j] < light.limit:  # nor NaN
                 continue
             n_pixels += 1
-            colour = scene.channel[(top + i) & 1, (left + j) & 1]
-            share, at = flux[colour], _FLUX + colour
-            seen = shape[0, i, j]
-            weight = 1.0 / (base + shot * share * seen)
-            off = weight * (scene.residual[top + i, left + j] - background - share * seen)
-            dx, dy, dw = share * shape[1, i, j], share * shape[2, i, j], share * shape[3, i, j]
+            seen = star[i, j]
+            weight = 1.0 / (light.variance + light.shot * share * seen)
+            off = weight * (residual[i, j] - background - share * seen)
+            dx, dy, dw = share * by_x[i, j], share * by_y[i, j], share * by_width[i, j]
             wx, wy, wdw, ws = weight * dx, weight * dy, weight * dw, weight * seen
             xx, xy, yy = xx + wx * dx, xy + wx * dy, yy + wy * dy
             xw, yw, ww = xw + wx * dw, yw + wy * dw, ww + wdw * dw
             xb, yb, wb, bb = xb + wx, yb + wy, wb + wdw, bb + weight
             rx, ry, rw, rb = rx + off * dx, ry + off * dy, rw + off * dw, rb + off
-            normal[at, 0] += ws * dx
-            normal[at, 1] += ws * dy
-            normal[at, 2] += ws * dw
-            normal[at, 3] += ws
-            normal[at, at] += ws * seen
-            right[at] += off * seen
-    normal[0, 0], normal[1, 0], normal[1, 1] = xx, xy, yy
-    normal[2, 0], normal[2, 1], normal[2, 2] = xw, yw, ww
-    normal[3, 0], normal[3, 1], normal[3, 2], normal[3, 3] = xb, yb, wb, bb
-    right[0], right[1], right[2], right[3] = rx, ry, rw, rb
-    return n_pixels
+            fx, fy, fw, fb = fx + ws * dx, fy + ws * dy, fw + ws * dw, fb + ws
+            ff, rf = ff + ws * seen, rf + off * seen
+    return n_pixels, (
+        xx, xy, yy, xw, yw, ww, xb, yb, wb, bb, fx, fy, fw, fb, ff, rx, ry, rw, rb, rf,
+    )
+
+
+@compiled
+def _add_sums(sums: tuple[float, ...], at: int, normal: Floats, right: Floats) -> None:
+    """Add the sums of one colour's pixels, whose flux is unknown number `at`, to the equations."""
+    k = 0
+    for i in range(_FLUX):
+        for j in range(i + 1):
+            normal[i, j] += sums[k]
+            k += 1
+    for j in range(_FLUX):
+        normal[at, j] += sums[k]
+        right[j] += sums[k + _FLUX + 1]
+        k += 1
+    normal[at, at] += sums[k]
+    right[at] += sums[k + _FLUX + 1]
 
 
 @compiled

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Plane = NDArray[np.float32]
+from star_tracker.detection.planes import Plane, plane
 
 #: Larger images are refused: the largest sensors have 150 million pixels.
 MAX_PIXELS = 160_000_000
@@ -17,7 +17,9 @@ _STRAIGHT_TO = 0.98
 #: no chance: the photons' noise alone would tell them apart.
 _PLATEAU_NOISES, _PLATEAU_NEIGHBOURS = 50.0, 3
 #: Every so many pixels are enough to know an image's level and noise roughly.
-_SAMPLES = 4096
+_SAMPLES = 2048
+#: So many pixels are looked at in one go.
+_BLOCK = 50_000
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,11 @@ class Frame:
     step: float
     channel: NDArray[np.int64]
 
+    @property
+    def is_blank(self) -> bool:
+        """Whether no pixel is to be used."""
+        return self.pixels.size == 0 or bool(np.isnan(np.fmax.reduce(self.pixels, axis=None)))
+
 
 def as_frame(
     image: ArrayLike,
@@ -54,9 +61,11 @@ def as_frame(
     values = np.asarray(image)
     _check(values, "image")
     _check_bayer(bayer, values)
-    pixels = _one_plane(values)
-    usable = _only_finite(pixels)
-    level = _saturation(values, pixels) if saturation_level is None else saturation_level
+    pixels = _one_plane(values, "pixels")
+    usable = _only_finite(pixels) if values.dtype.kind == "f" else pixels.size > 0
+    level = saturation_level
+    if level is None:
+        level = _saturation(values, pixels) if usable else np.inf
     clipped = None
     if values.ndim == 3 and np.isfinite(level):
         clipped = np.any(values[:, :, :3] >= level, axis=2)
@@ -96,13 +105,15 @@ def _check_bayer(bayer: str, values: NDArray[np.generic]) -> None:
         raise ValueError("a Bayer pattern belongs to an image of one plane: leave bayer empty")
 
 
-def _one_plane(values: NDArray[np.generic]) -> Plane:
+def _one_plane(values: NDArray[np.generic], name: str) -> Plane:
     """Return (h, w) float32, a copy: the mean of the colours without the opacity."""
+    pixels = plane(name, values.shape[:2])
     with np.errstate(over="ignore", invalid="ignore"):
         if values.ndim == 2:
-            return np.array(values, np.float32, order="C")
+            np.copyto(pixels, values, casting="unsafe")
+            return pixels
         colours = values[:, :, :3]
-        pixels = np.array(colours[:, :, 0], np.float32, order="C")
+        np.copyto(pixels, colours[:, :, 0], casting="unsafe")
         for colour in range(1, colours.shape[2]):
             pixels += np.asarray(colours[:, :, colour], np.float32)
         pixels /= np.float32(colours.shape[2])
@@ -124,19 +135,19 @@ def _companion(values: ArrayLike, shape: tuple[int, ...], name: str) -> Plane:
     """Return a dark frame or a mask as a plane of the image's shape."""
     given = np.asarray(values)
     _check(given, name)
-    plane = _one_plane(given)
-    if plane.shape != shape:
+    if given.shape[:2] != shape:
         raise ValueError(
-            f"the {name} has {plane.shape[1]} x {plane.shape[0]} pixels, the image "
+            f"the {name} has {given.shape[1]} x {given.shape[0]} pixels, the image "
             f"{shape[1]} x {shape[0]}: take it with the same camera and size"
         )
-    return plane
+    return _one_plane(given, "companion")
 
 
 def _saturation(values: NDArray[np.generic], pixels: Plane) -> float:
-    """Return from which value on pixels count as saturated, infinity where none does."""
-    if pixels.size == 0 or np.isnan(pixels).all():
-        return np.inf
+    """Return from which value on pixels count as saturated, infinity where none does.
+
+    A pixel at least is finite.
+    """
     colours = values if values.ndim == 2 else values[:, :, :3]
     largest = float(np.nanmax(pixels) if values.dtype.kind == "f" else colours.max())
     if np.issubdtype(values.dtype, np.integer) and largest == np.iinfo(values.dtype.str).max:
@@ -146,18 +157,35 @@ def _saturation(values: NDArray[np.generic], pixels: Plane) -> float:
 
 def _is_plateau(pixels: Plane, largest: float) -> bool:
     """Return whether an image ends in a plateau at its largest value."""
-    at_end = pixels == largest
-    if np.count_nonzero(at_end) <= _PLATEAU_NEIGHBOURS:
+    y, x = _first_places(pixels, largest, _SAMPLES // 2)
+    if len(y) <= _PLATEAU_NEIGHBOURS:
         return False
     sample = pixels.ravel()[:: max(1, pixels.size // _SAMPLES)]
     middle = np.nanmedian(sample)
     noise = 1.4826 * np.nanmedian(np.abs(sample - middle))
     if not largest - middle > _PLATEAU_NOISES * max(noise, 1e-6 * abs(largest)):
         return False
-    y, x = np.nonzero(at_end)
-    first = slice(None, _SAMPLES // 4)  # of a plateau this large it does not matter where it ends
-    near = (np.abs(y[first, None] - y[first]) <= 1) & (np.abs(x[first, None] - x[first]) <= 1)
+    near = (np.abs(y[:, None] - y) <= 1) & (np.abs(x[:, None] - x) <= 1)
     return bool(near.sum(axis=1).max() > _PLATEAU_NEIGHBOURS)
+
+
+def _first_places(
+    pixels: Plane, value: float, most: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return rows and columns of the first pixels that have a value.
+
+    Of a plateau this large it does not matter where it ends. Blocks of rows stay in the cache.
+    """
+    rows = max(1, _BLOCK // pixels.shape[1])
+    y, x, n = [np.empty(0, np.int64)], [np.empty(0, np.int64)], 0
+    for top in range(0, len(pixels), rows):
+        here = pixels[top : top + rows] == value
+        if n < most and here.any():
+            places = np.nonzero(here)
+            y.append(places[0] + top)
+            x.append(places[1])
+            n += len(places[0])
+    return np.concatenate(y)[:most], np.concatenate(x)[:most]
 
 
 def _step(pixels: Plane) -> float:

@@ -8,15 +8,18 @@ from numpy.typing import NDArray
 
 from star_tracker.detection.background import subtract_background
 from star_tracker.detection.centroids import PSF_RANGE_PX, DetectSettings
-from star_tracker.detection.image import Frame, Plane
-from star_tracker.detection.psf import Psf
-from star_tracker.detection.search import find_peaks, matched_filter
+from star_tracker.detection.filter import matched_filter
+from star_tracker.detection.image import Frame
+from star_tracker.detection.planes import Plane, plane
+from star_tracker.detection.psf import PIXEL_VARIANCE, Psf
+from star_tracker.detection.search import find_peaks
 from star_tracker.detection.stars import Scene
 from star_tracker.detection.tiles import Tiles, tile_size_px
 from star_tracker.detection.width import image_psf
 
-#: The first look supposes stars of this width, px. One that is off by `_SAME_WIDTH` costs 8 % of
-#: the signal to noise, 2 r / (1 + r^2); only beyond it the image is filtered again.
+#: The first look supposes stars of this width, px. One that is off by `_SAME_WIDTH`, as the pixels
+#: see it, costs 8 % of the signal to noise, 2 r / (1 + r^2); only beyond it the image is filtered
+#: again.
 _FIRST_SIGMA_PX, _SAME_WIDTH = 0.8, 1.5
 #: Lines whose ends are off by no more than this, in widths, are the same.
 _SAME_LINE = 1.5
@@ -53,8 +56,11 @@ def look_at(frame: Frame, asked: DetectSettings) -> Look:
     """Filter an image, again if need be, until what it is filtered for is what it shows."""
     known = asked.psf_sigma_px
     psf = Psf(known or _FIRST_SIGMA_PX)
-    residual, tiles = subtract_background(frame, tile_size_px(psf.sigma_px))
-    look = first = _filter(frame, (residual, tiles), psf, asked)
+    shape = frame.pixels.shape
+    residual = plane("residual", shape)
+    tiles = subtract_background(frame, tile_size_px(psf.sigma_px), residual)
+    room = plane("filtered", shape)
+    look = first = _filter(frame, (residual, tiles), psf, asked, room)
     for turn in range(_MOST_LOOKS - 1):
         found = image_psf(look.scene, look.peaks, psf, known)
         if found is None and known is None and turn == 0:
@@ -66,18 +72,20 @@ def look_at(frame: Frame, asked: DetectSettings) -> Look:
         if _alike(found, psf):
             return look
         if tile_size_px(found.sigma_px) != tile_size_px(psf.sigma_px):
-            residual, tiles = subtract_background(frame, tile_size_px(found.sigma_px))
+            residual = plane("residual again", shape)
+            tiles = subtract_background(frame, tile_size_px(found.sigma_px), residual)
         psf = found
-        look = _filter(frame, (residual, tiles), psf, asked)
+        room = plane("filtered again", shape)
+        look = _filter(frame, (residual, tiles), psf, asked, room)
     return look
 
 
 def _filter(
-    frame: Frame, without: tuple[Plane, Tiles], psf: Psf, asked: DetectSettings
+    frame: Frame, without: tuple[Plane, Tiles], psf: Psf, asked: DetectSettings, room: Plane
 ) -> Look:
-    """Filter a frame whose background is subtracted."""
+    """Filter a frame whose background is subtracted into the room (h, w) given."""
     residual, tiles = without
-    filtered = matched_filter(residual, tiles, psf, frame.step)
+    filtered = matched_filter(residual, tiles, psf, frame.step, room)
     per_star = _PEAKS_PER_STREAK if psf.streak_px > 0 else _PEAKS_PER_STAR
     peaks = find_peaks(filtered, tiles, asked.threshold_sigma, per_star * asked.max_stars)
     scene = Scene(
@@ -100,7 +108,9 @@ def _wide_psf(
         )
         coarse_tiles = tiles._replace(y=tiles.y // n, x=tiles.x // n)
         coarse_tiles.y[-1], coarse_tiles.x[-1] = mean.shape
-        look = _filter(coarse, (mean, coarse_tiles), Psf(_FIRST_SIGMA_PX), asked)
+        look = _filter(
+            coarse, (mean, coarse_tiles), Psf(_FIRST_SIGMA_PX), asked, np.empty_like(mean)
+        )
         found = image_psf(look.scene, look.peaks, look.psf, None)
         if found is not None:
             sigma = min(n * found.sigma_px, PSF_RANGE_PX[1])
@@ -122,8 +132,8 @@ def _binned(residual: Plane, pixels: Plane) -> tuple[Plane, Plane]:
 
 def _alike(a: Psf, b: Psf) -> bool:
     """Return whether what was found with one image of a star will do for the other."""
-    ratio = max(a.sigma_px / b.sigma_px, b.sigma_px / a.sigma_px)
+    ratio = math.sqrt((a.sigma_px**2 + PIXEL_VARIANCE) / (b.sigma_px**2 + PIXEL_VARIANCE))
     turned = min(
         math.hypot(a.dx_px - sign * b.dx_px, a.dy_px - sign * b.dy_px) for sign in (1, -1)
     )
-    return ratio < _SAME_WIDTH and turned < _SAME_LINE * a.sigma_px
+    return 1 / _SAME_WIDTH < ratio < _SAME_WIDTH and turned < _SAME_LINE * a.sigma_px

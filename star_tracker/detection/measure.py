@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from star_tracker.compiled import compiled
 from star_tracker.detection.centroids import Flag
 from star_tracker.detection.fit import fit_star, fitting
-from star_tracker.detection.image import Plane
+from star_tracker.detection.planes import Plane
 from star_tracker.detection.moments import adaptive_moments
 from star_tracker.detection.psf import Psf
 from star_tracker.detection.stars import Scene, Star, Stars, add_star, noise_at
@@ -147,7 +147,7 @@ def _judge(scene: Scene, star: Star, flux: Floats, hunt: Hunt) -> None:
         return
     psf = hunt.psf
     begin_x, begin_y = star.x, star.y
-    settled = fit_star(scene, star, flux, psf, fitting(star, _ROUGHLY_PX))
+    settled = fit_star(scene, star, flux, psf, fitting(star, psf, _ROUGHLY_PX))
     widest = _WIDTH_FACTOR * psf.sigma_px if not saturated else np.inf
     if settled and star.sigma < psf.sigma_px / _WIDTH_FACTOR:
         star.flags |= _HOT

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from star_tracker.compiled import compiled
-from star_tracker.detection.image import Plane
+from star_tracker.detection.planes import Plane
 from star_tracker.geometry.spherical import Floats
 
 #: Variance by which the window is wider than the star, px^2, and least variance of a star: that

@@ -8,7 +8,7 @@ from star_tracker.compiled import compiled
 from star_tracker.detection.centroids import Flag
 from star_tracker.detection.fit import fit_star, fitting
 from star_tracker.detection.measure import SUSPECT
-from star_tracker.detection.psf import Psf, star_shape
+from star_tracker.detection.psf import REACH_SIGMAS, Psf, star_shape
 from star_tracker.detection.stars import Scene, Star, Stars, add_star, window_of
 from star_tracker.geometry.spherical import Floats
 
@@ -44,7 +44,7 @@ def shot_noise(scene: Scene, stars: Stars, n: int, fluxes: Floats, psf: Psf) -> 
 @compiled
 def _excess(scene: Scene, star: Star, flux: Floats, psf: Psf) -> float:
     """Return by how much squared residuals exceed the background's noise, per unit of light."""
-    window = window_of(scene, star, psf)
+    window = window_of(scene, star, psf, REACH_SIGMAS)
     own = Psf(star.sigma, psf.dx_px, psf.dy_px)
     star_shape(own, star.x, star.y, window.corner, window.shape)
     left, top = window.corner
@@ -88,7 +88,8 @@ def refine(scene: Scene, stars: Stars, n: int, fluxes: Floats, psf: Psf) -> None
                 continue
             before, flux_before = (star.x, star.y, star.sigma, star.background), fluxes[k].copy()
             add_star(scene, star, fluxes[k], psf, 1.0)
-            if not fit_star(scene, star, fluxes[k], psf, fitting(star, _FINELY_PX)):
+            if not fit_star(scene, star, fluxes[k], psf, fitting(star, psf, _FINELY_PX)):
                 star.x, star.y, star.sigma, star.background = before
                 fluxes[k] = flux_before
-            add_star(scene, star, fluxes[k], psf, -1.0)
+            if star.neighbours > 0:  # else nobody looks at its pixels again
+                add_star(scene, star, fluxes[k], psf, -1.0)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from star_tracker.compiled import compiled
-from star_tracker.detection.image import Plane
+from star_tracker.detection.planes import Plane
 from star_tracker.detection.psf import REACH_SIGMAS, Psf, star_shape
 from star_tracker.geometry.spherical import Floats
 
@@ -61,14 +61,13 @@ def noise_at(scene: Scene, x: float, y: float) -> float:
 
 
 @compiled
-def window_of(scene: Scene, star: Star, psf: Psf) -> Window:
-    """Return the window of a star: as far as it reaches within the image."""
+def window_of(scene: Scene, star: Star, psf: Psf, sigmas: float) -> Window:
+    """Return the window of a star within the image, to so many of its widths."""
     height, width = scene.residual.shape
-    around = REACH_SIGMAS * star.sigma + 0.5 + star.reach
-    reach_x = math.ceil(around + abs(psf.dx_px) / 2)
-    reach_y = math.ceil(around + abs(psf.dy_px) / 2)
-    left, top = max(0, int(star.x) - reach_x), max(0, int(star.y) - reach_y)
-    right, bottom = min(width, int(star.x) + reach_x + 1), min(height, int(star.y) + reach_y + 1)
+    around = sigmas * star.sigma + 0.5 + star.reach
+    reach_x, reach_y = around + 0.5 * abs(psf.dx_px), around + 0.5 * abs(psf.dy_px)
+    left, top = max(0, int(star.x - reach_x)), max(0, int(star.y - reach_y))
+    right, bottom = min(width, int(star.x + reach_x) + 1), min(height, int(star.y + reach_y) + 1)
     return Window((left, top), np.empty((4, max(0, bottom - top), max(0, right - left))))
 
 
@@ -76,7 +75,7 @@ def window_of(scene: Scene, star: Star, psf: Psf) -> Window:
 def add_star(scene: Scene, star: Star, flux: Floats, psf: Psf, sign: float) -> None:
     """Put a star into the residual (sign 1) or take it out (-1)."""
     wide = Psf(star.sigma, psf.dx_px, psf.dy_px)
-    window = window_of(scene, star, psf)
+    window = window_of(scene, star, psf, REACH_SIGMAS)
     star_shape(wide, star.x, star.y, window.corner, window.shape)
     left, top = window.corner
     _, ny, nx = window.shape.shape

@@ -15,11 +15,14 @@ from star_tracker.detection.stars import STAR, Scene, Star, Stars
 from star_tracker.geometry.spherical import Floats
 
 #: So many stars tell the width well enough, and fewer than these do not tell it at all.
-_MOST, _FEWEST = 40, 3
-#: So many peaks are looked at, and so many give their moments.
-_MOST_PEAKS, _MOST_MOMENTS = 150, 20
+_MOST, _FEWEST = 24, 3
+#: So many peaks are looked at, so many of them are fitted, and so many give their moments.
+_MOST_PEAKS, _MOST_FITS, _MOST_MOMENTS = 150, 60, 15
 #: A star wider by this factor than supposed needs a larger window, so many times at the most.
-_WIDER, _WINDOWS = 1.3, 4
+_WIDER, _WINDOWS = 1.3, 3
+#: Room about a star beyond a fit's usual window, and the widest that is looked for, in widths:
+#: what is wider is for an image of larger pixels.
+_ROOM, _WIDEST = 1.4, 4.0
 #: Their least signal to noise: a width is then good to some 20 %.
 _LEAST_SNR = 7.0
 #: Nothing is supposed of the width itself: a prior of this standard deviation of its logarithm.
@@ -105,9 +108,9 @@ def _shapes(
     lines from points: those of some are enough.
     """
     psf, sharpest, limit = known
-    n = 0
+    n = n_fits = 0
     for k in range(min(len(peaks), _MOST_PEAKS)):
-        if n == len(shapes):
+        if n == len(shapes) or n_fits == _MOST_FITS:
             break
         row, column = peaks[k]
         brightest = np.max(scene.pixels[
@@ -115,9 +118,10 @@ def _shapes(
         ])
         if not brightest < limit or is_hot(scene, row, column, sharpest):
             continue
+        n_fits += 1
         shapes[n] = np.nan
         shapes[n, 0] = _width(scene, row, column, psf.sigma_px, stars[0])
-        if n < _MOST_MOMENTS:
+        if n_fits <= _MOST_MOMENTS:
             shapes[n, 1:] = adaptive_moments(
                 scene.residual, column + 0.5, row + 0.5, psf.sigma_px
             )[2:]
@@ -133,9 +137,10 @@ def _width(scene: Scene, row: int, column: int, sigma: float, star: Star) -> flo
     for _ in range(_WINDOWS):
         star.x, star.y, star.sigma = column + 0.5, row + 0.5, sigma
         # Room for a star that is wider, and for the background that tells it from one.
-        star.background, star.reach = 0.0, 2.0 + sigma
-        flux[:] = scene.residual[row, column] * 2 * math.pi * (sigma * sigma + PIXEL_VARIANCE)
-        free = Fitting(_ANY_WIDTH, _ROUGHLY_PX)
+        star.background, star.reach = 0.0, 2.0 + _ROOM * sigma
+        star.peak = scene.residual[row, column]
+        flux[:] = star.peak * 2 * math.pi * (sigma * sigma + PIXEL_VARIANCE)
+        free = Fitting(_ANY_WIDTH, _ROUGHLY_PX, _WIDEST * sigma)
         if not fit_star(scene, star, flux, Psf(sigma, 0.0, 0.0), free) or star.snr < _LEAST_SNR:
             break
         width, before, sigma = star.sigma, sigma, star.sigma
