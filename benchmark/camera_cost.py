@@ -7,8 +7,8 @@ centroid_node and identify_node are processes of their own, so that with the dri
 three; once they are composed in one. Latency is from the driver's call that publishes an image to
 its receiving the attitude. CPU is that of the nodes, in percent of one core, without the driver's.
 With `--exact` the camera is taken at its word: identify_node learns nothing of it, which takes it
-most of its time. An image is lost if it is neither answered by `solution` nor counted as dropped by centroid_node.
-Wall time depends on what else the machine does: compare the rows of one run.
+most of its time. An image is lost if it is neither answered by `solution` nor counted as dropped
+by either node. Wall time depends on what else the machine does: compare the rows of one run.
 """
 
 import argparse
@@ -65,8 +65,9 @@ class Driver(Node):
         self.sent: dict[int, float] = {}
         self.latency_ms: dict[int, float] = {}
         self.solutions: set[int] = set()
-        self.dropped = self.refused = 0
-        self._n_reports = 0
+        #: Images that each node says it dropped, and how often it has said so.
+        self._dropped = {"centroid_node: images": 0, "identify_node: health": 0}
+        self._n_reports = dict.fromkeys(self._dropped, 0)
         self.create_subscription(QuaternionStamped, "attitude", self._on_attitude, 100)
         self.create_subscription(DiagnosticArray, "solution", self._on_solution, 100)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, 100)
@@ -81,9 +82,14 @@ class Driver(Node):
         return min(heard) > 0 and self.count_publishers("attitude") > 0
 
     @property
+    def dropped(self) -> int:
+        """Images that the nodes say they dropped."""
+        return sum(self._dropped.values())
+
+    @property
     def n_reports(self) -> int:
-        """Reports of centroid_node so far."""
-        return self._n_reports
+        """How often both nodes have said so."""
+        return min(self._n_reports.values())
 
     def send(self) -> None:
         """Publish the next image."""
@@ -103,10 +109,9 @@ class Driver(Node):
 
     def _on_health(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name == "centroid_node: images":
-                values = report_from_status(status)[2]
-                self.dropped, self.refused = int(values["dropped"]), int(values["refused"])
-                self._n_reports += 1
+            if status.name in self._dropped:
+                self._dropped[status.name] = int(report_from_status(status)[2]["dropped"])
+                self._n_reports[status.name] += 1
 
 
 def messages_of(sky: SkyImageParameters, encoding: str) -> tuple[list[Image], list[CameraInfo]]:

@@ -44,6 +44,8 @@ signalled({owner}, {name!r})
 sys.exit(node_module.main())
 """
 GOES_ON = "pass"
+#: What is told the paper's camera.
+HAVE_A_CAMERA = ("identify_node", "camera_to_attitude")
 #: As one that compiles, which looks at nothing else for as long as it takes.
 IS_BUSY = "threading.Event().wait()"
 
@@ -57,6 +59,10 @@ IS_BUSY = "threading.Event().wait()"
     ("identify_node", "node_module.IdentifyNode", "_apply", SIGINT, IS_BUSY),
     ("identify_node", "node_module", "Outputs", SIGINT, GOES_ON),
     ("identify_node", "node_module", "Intake", SIGTERM, GOES_ON),
+    ("centroid_node", "node_module", "Worker", SIGTERM, GOES_ON),
+    ("centroid_node", "node_module", "exercise_detector", SIGINT, GOES_ON),
+    ("camera_to_attitude", "node_module", "CentroidNode", SIGINT, GOES_ON),
+    ("sky_image_node", "node_module", "declare", SIGTERM, GOES_ON),
     ("replay_node", "node_module", "declare", SIGTERM, GOES_ON),
     ("replay_node", "node_module", "paper_maps", SIGINT, GOES_ON),
 ])
@@ -64,7 +70,7 @@ def test_signal_at_any_stage_of_the_start(module, owner, name, number, rest):
     script = SIGNAL_AT.format(
         module=module, owner=owner, name=name, number=int(number), rest=rest
     )
-    with started(["-c", script], "/start", MAPS if module == "identify_node" else ()) as process:
+    with started(["-c", script], "/start", MAPS if module in HAVE_A_CAMERA else ()) as process:
         assert_ended_well(*ended(process))
 
 
