@@ -1,7 +1,8 @@
-"""`star_tracker calibrate`: focal length and lens from all stars of a star map."""
+"""`star_tracker calibrate`: focal length and lens from a star map, or from a camera's frames."""
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from rich.table import Table
@@ -9,15 +10,18 @@ from rich.table import Table
 from star_tracker.calibration.error_propagation import boresight_covariance
 from star_tracker.calibration.lens import TERMS, Calibration, calibrate
 from star_tracker.commands import matched_map
+from star_tracker.commands.calibrate_frames import calibrate_files
+from star_tracker.commands.frame_options import add_camera_arguments, add_sky_arguments
 from star_tracker.commands.matched_map import MatchedMap
 from star_tracker.commands.options import (
     Record,
     add_focal_length_argument,
-    add_map_arguments,
+    add_json_argument,
     cell,
     check_positive,
     print_result,
 )
+from star_tracker.offline.frame_file import is_star_map
 from star_tracker.optics.camera import Camera
 
 _UNITS = {"focal_length_px": "px", "cx_px": "px", "cy_px": "px", "k1": "", "k2": ""}
@@ -25,22 +29,47 @@ _UNITS = {"focal_length_px": "px", "cx_px": "px", "cy_px": "px", "k1": "", "k2":
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's options."""
-    add_map_arguments(parser)
     parser.add_argument(
+        "files", nargs="+", metavar="FILE",
+        help="one star map, or its number from 1 to 8; or images and lists of centroids of one "
+        "camera, which are identified first",
+    )
+    add_json_argument(parser)
+    one = parser.add_argument_group("one star map")
+    one.add_argument(
         "--terms", metavar="T,T",
         help=f"what to fit beside attitude and focal length: {', '.join(TERMS)}, or none "
         "(what the data support)",
     )
-    add_focal_length_argument(parser, "the focal length to start from")
+    add_focal_length_argument(one, "the focal length to start from")
+    frames = parser.add_argument_group("frames")
+    frames.add_argument(
+        "--output", type=Path, metavar="FILE",
+        help="where the camera goes, YAML of ROS's camera_calibration (none)",
+    )
+    add_camera_arguments(parser.add_argument_group("camera of the frames (found out)"))
+    add_sky_arguments(parser.add_argument_group("sky and work for frames"))
 
 
 def execute(options: argparse.Namespace) -> None:
     """Fit and print the camera. Raises ValueError for what cannot be used."""
     check_positive(options, "focal_length_px")
+    word = options.files[0]
+    if len(options.files) == 1 and (word.isdecimal() or is_star_map(Path(word))):
+        if options.output is not None:
+            raise ValueError("--output is for frames: one star map is no camera's calibration")
+        _calibrate_map(options, word)
+        return
+    if options.terms is not None or options.focal_length_px is not None:
+        raise ValueError("--terms and --focal-length-px are for one star map, not for frames")
+    calibrate_files(options)
+
+
+def _calibrate_map(options: argparse.Namespace, word: str) -> None:
     terms = None
     if options.terms is not None:
         terms = tuple(t.strip() for t in options.terms.split(",") if t.strip() != "none")
-    matched = matched_map.load(options.map)
+    matched = matched_map.load(word)
     camera = matched.camera
     if options.focal_length_px is not None:
         camera = replace(camera, fx_px=options.focal_length_px, fy_px=options.focal_length_px)

@@ -55,9 +55,10 @@ COMMANDS = {
         "star_tracker boresight 1 --stars A01,A02,A03",
     ),
     "calibrate": Command(
-        "focal length and lens from the stars of a star map",
-        "Focal length, and where the data support them principal point and radial distortion, "
-        "by joint least squares over all matched stars of a star map.",
+        "focal length and lens from a camera's frames, or a star map",
+        "Focal length and distortion of one camera by joint least squares over the stars of all "
+        "frames that it took, of which nothing has to be known; or of one star map, with the "
+        "terms that its data support.",
         "star_tracker calibrate 7 --terms k1",
     ),
     "compile": Command(

@@ -26,7 +26,7 @@ def add_json_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 
-def add_focal_length_argument(parser: argparse.ArgumentParser, purpose: str) -> None:
+def add_focal_length_argument(parser: argparse._ActionsContainer, purpose: str) -> None:
     """Declare another focal length than that of the map."""
     parser.add_argument(
         "--focal-length-px", type=float, metavar="PX", help=f"{purpose}, px (that of the map)"

@@ -1,12 +1,10 @@
 """`star_tracker solve`: images, centroids, star maps and bags in, attitudes out. No ROS."""
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from glob import glob
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,16 +13,16 @@ from rich.progress import Progress
 
 from star_tracker.bags.reading import DamagedBagError, Wanted, is_bag, open_bag
 from star_tracker.bags.writing import STORAGES
-from star_tracker.calibration.camera_file import read_camera
+from star_tracker.commands.frame_options import (
+    add_camera_arguments,
+    add_sky_arguments,
+    asked_of,
+    paths_of,
+)
 from star_tracker.commands.options import add_json_argument
 from star_tracker.commands.solve_output import Output
-from star_tracker.detection.centroids import DetectSettings
-from star_tracker.maps.star_map import PAPER_MAPS, STAR_MAPS_FOLDER
 from star_tracker.offline.solving import Asked, Result, frames_of, solve_frames
 from star_tracker.offline.spreading import Spread
-from star_tracker.optics.camera import PARITIES
-from star_tracker.resources import resource_path
-from star_tracker.solution import SolveSettings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,20 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--annotate", type=Path, metavar="DIR",
         help="where each solved image goes with its stars drawn over it, PNG (none)",
     )
-    _add_camera_arguments(parser.add_argument_group("camera (found out where it is not told)"))
+    add_camera_arguments(parser.add_argument_group("camera (found out where it is not told)"))
     _add_bag_arguments(parser.add_argument_group("bags"))
     more = parser.add_argument_group("sky and work")
-    for option, kind, default, metavar, text in (
-        ("--epoch", float, 2000.0, "YEAR", "epoch of the stars' places, Julian year"),
-        ("--limiting-magnitude", float, 0.0, "MAG", "faintest stars, mag; 0 = as suits"),
-        ("--catalog", str, "hipparcos", "NAME", "catalogue of the stars"),
-        ("--max-stars", int, DetectSettings().max_stars, "N", "brightest stars that are used"),
-        ("--deadline-ms", float, 5000.0, "MS", "longest search of a file, ms"),
-        ("--jobs", int, os.cpu_count() or 1, "N", "processes that detect stars"),
-    ):
-        more.add_argument(
-            option, type=kind, default=default, metavar=metavar, help=f"{text} (%(default)s)"
-        )
+    add_sky_arguments(more)
     more.add_argument(
         "--scheduler", metavar="ADDRESS",
         help="detect on the Dask cluster of this scheduler, for instance tcp://host:8786 (this "
@@ -90,39 +78,11 @@ def _add_bag_arguments(bags: argparse._ArgumentGroup) -> None:
     )
 
 
-def _add_camera_arguments(camera: argparse._ArgumentGroup) -> None:
-    """Declare what may be known of the camera."""
-    for option, kind, default, metavar, text in (
-        ("--fov-deg", float, 0.0, "DEG", "field of view across the width, deg; 0 = unknown"),
-        ("--fov-tolerance-percent", float, 5.0, "PERCENT", "how far that may be off, percent"),
-        ("--fov-min-deg", float, 4.0, "DEG", "least field where it is unknown, deg"),
-        ("--fov-max-deg", float, 70.0, "DEG", "greatest field where it is unknown, deg"),
-    ):
-        camera.add_argument(
-            option, type=kind, default=default, metavar=metavar, help=f"{text} (%(default)s)"
-        )
-    camera.add_argument(
-        "--camera", type=Path, metavar="FILE", help="camera calibration of ROS, YAML (none)"
-    )
-    camera.add_argument(
-        "--parity", choices=PARITIES, default="auto", help="of the image (%(default)s)"
-    )
-    camera.add_argument(
-        "--width-px", type=int, metavar="PX", help="width of the image of a list, px (none)"
-    )
-    camera.add_argument(
-        "--height-px", type=int, metavar="PX", help="its height, px (none)"
-    )
-    camera.add_argument(
-        "--bayer", default=None, metavar="RGGB", help="colour pattern of raw images (none)"
-    )
-
-
 def execute(options: argparse.Namespace) -> None:
     """Solve files and bags. Ends with exit code 1 where one of them could not be used at all."""
-    asked = _asked(options)
+    asked = replace(asked_of(options), independent=options.independent)
     spread = Spread(options.jobs, options.scheduler or "")
-    named = {word: _paths(word) for word in options.files}
+    named = {word: paths_of(word) for word in options.files}
     paths = [path for found in named.values() for path in found]
     bags = [path for path in paths if is_bag(path)]
     files = [path for path in paths if not is_bag(path)]
@@ -184,18 +144,6 @@ def _solve_bag(
             output.take(Result(path, None, None, str(error)))
 
 
-def _paths(word: str) -> list[Path]:
-    """Return the files that a word names: one, a shipped star map by its number, or a pattern's.
-
-    A pattern that the shell has left as it is fits none, unless it was quoted.
-    """
-    if word in {str(number) for number in PAPER_MAPS} and not Path(word).exists():
-        return [resource_path(f"{STAR_MAPS_FOLDER}/map{word}.csv")]
-    if set(word) & set("*?[") and not Path(word).exists():
-        return [Path(one) for one in sorted(glob(word, recursive=True))]
-    return [Path(word)]
-
-
 def _check(options: argparse.Namespace, bags: Sequence[Path]) -> None:
     """Raise ValueError for options that do not fit the files."""
     if options.output_bag is not None and len(bags) != 1:
@@ -205,24 +153,3 @@ def _check(options: argparse.Namespace, bags: Sequence[Path]) -> None:
             raise ValueError("--annotate draws over image files: leave it out for bags")
         if find_spec("matplotlib") is None:
             raise ValueError("pictures need matplotlib: pip install 'star_tracker[plot]'")
-
-
-def _asked(options: argparse.Namespace) -> Asked:
-    """Return what the options say. Raises ValueError for what does not fit together."""
-    if (options.width_px is None) != (options.height_px is None):
-        raise ValueError("--width-px and --height-px belong together")
-    if not 0 < options.fov_min_deg <= options.fov_max_deg:
-        raise ValueError(
-            f"--fov-min-deg {options.fov_min_deg:g} is not below --fov-max-deg "
-            f"{options.fov_max_deg:g}: give the narrowest and the widest field of view in question"
-        )
-    return Asked(
-        camera=None if options.camera is None else read_camera(options.camera),
-        fov_deg=options.fov_deg, fov_tolerance_percent=options.fov_tolerance_percent,
-        fov_range_deg=(options.fov_min_deg, options.fov_max_deg), parity=options.parity,
-        size_px=None if options.width_px is None else (options.width_px, options.height_px),
-        catalog=options.catalog, epoch=options.epoch,
-        limiting_magnitude=options.limiting_magnitude, independent=options.independent,
-        settings=SolveSettings(method="match_group", deadline_ms=options.deadline_ms),
-        detect=DetectSettings(max_stars=options.max_stars), bayer=options.bayer or "",
-    )

@@ -42,7 +42,7 @@ def read_centroids(path: Path, size_px: tuple[int, int] | None) -> FileFrame:
 
     Raises ValueError for a file that is neither, and for a list without an image size.
     """
-    if _is_star_map(path):
+    if is_star_map(path):
         star_map = read_star_map(path)
         size = star_map.camera.width_px, star_map.camera.height_px
         return FileFrame(path, size, star_map.xy_px, None, 0.0)
@@ -89,7 +89,8 @@ def is_list(path: Path) -> bool:
     return path.suffix.lower() in {".csv", ".txt"}
 
 
-def _is_star_map(path: Path) -> bool:
+def is_star_map(path: Path) -> bool:
+    """Return whether a file is a star map, with its camera."""
     try:
         with path.open(encoding="utf-8") as file:
             return file.read(20).startswith("# star map")

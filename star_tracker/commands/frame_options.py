@@ -1,0 +1,90 @@
+"""What the commands that take frames of a camera have in common: files, camera, sky."""
+
+import argparse
+import os
+from glob import glob
+from pathlib import Path
+
+from star_tracker.calibration.camera_file import read_camera
+from star_tracker.detection.centroids import DetectSettings
+from star_tracker.maps.star_map import PAPER_MAPS, STAR_MAPS_FOLDER
+from star_tracker.offline.solving import Asked
+from star_tracker.optics.camera import PARITIES
+from star_tracker.resources import resource_path
+from star_tracker.solution import SolveSettings
+
+
+def add_camera_arguments(camera: argparse._ArgumentGroup) -> None:
+    """Declare what may be known of the camera."""
+    for option, kind, default, metavar, text in (
+        ("--fov-deg", float, 0.0, "DEG", "field of view across the width, deg; 0 = unknown"),
+        ("--fov-tolerance-percent", float, 5.0, "PERCENT", "how far that may be off, percent"),
+        ("--fov-min-deg", float, 4.0, "DEG", "least field where it is unknown, deg"),
+        ("--fov-max-deg", float, 70.0, "DEG", "greatest field where it is unknown, deg"),
+    ):
+        camera.add_argument(
+            option, type=kind, default=default, metavar=metavar, help=f"{text} (%(default)s)"
+        )
+    camera.add_argument(
+        "--camera", type=Path, metavar="FILE", help="camera calibration of ROS, YAML (none)"
+    )
+    camera.add_argument(
+        "--parity", choices=PARITIES, default="auto", help="of the image (%(default)s)"
+    )
+    camera.add_argument(
+        "--width-px", type=int, metavar="PX", help="width of the image of a list, px (none)"
+    )
+    camera.add_argument(
+        "--height-px", type=int, metavar="PX", help="its height, px (none)"
+    )
+    camera.add_argument(
+        "--bayer", default=None, metavar="RGGB", help="colour pattern of raw images (none)"
+    )
+
+
+def add_sky_arguments(more: argparse._ArgumentGroup) -> None:
+    """Declare the guide stars and how long is searched, with how many processes."""
+    for option, kind, default, metavar, text in (
+        ("--epoch", float, 2000.0, "YEAR", "epoch of the stars' places, Julian year"),
+        ("--limiting-magnitude", float, 0.0, "MAG", "faintest stars, mag; 0 = as suits"),
+        ("--catalog", str, "hipparcos", "NAME", "catalogue of the stars"),
+        ("--max-stars", int, DetectSettings().max_stars, "N", "brightest stars that are used"),
+        ("--deadline-ms", float, 5000.0, "MS", "longest search of a file, ms"),
+        ("--jobs", int, os.cpu_count() or 1, "N", "processes that detect stars"),
+    ):
+        more.add_argument(
+            option, type=kind, default=default, metavar=metavar, help=f"{text} (%(default)s)"
+        )
+
+
+def paths_of(word: str) -> list[Path]:
+    """Return the files that a word names: one, a shipped star map by its number, or a pattern's.
+
+    A pattern that the shell has left as it is fits none, unless it was quoted.
+    """
+    if word in {str(number) for number in PAPER_MAPS} and not Path(word).exists():
+        return [resource_path(f"{STAR_MAPS_FOLDER}/map{word}.csv")]
+    if set(word) & set("*?[") and not Path(word).exists():
+        return [Path(one) for one in sorted(glob(word, recursive=True))]
+    return [Path(word)]
+
+
+def asked_of(options: argparse.Namespace) -> Asked:
+    """Return what the options say. Raises ValueError for what does not fit together."""
+    if (options.width_px is None) != (options.height_px is None):
+        raise ValueError("--width-px and --height-px belong together")
+    if not 0 < options.fov_min_deg <= options.fov_max_deg:
+        raise ValueError(
+            f"--fov-min-deg {options.fov_min_deg:g} is not below --fov-max-deg "
+            f"{options.fov_max_deg:g}: give the narrowest and the widest field of view in question"
+        )
+    return Asked(
+        camera=None if options.camera is None else read_camera(options.camera),
+        fov_deg=options.fov_deg, fov_tolerance_percent=options.fov_tolerance_percent,
+        fov_range_deg=(options.fov_min_deg, options.fov_max_deg), parity=options.parity,
+        size_px=None if options.width_px is None else (options.width_px, options.height_px),
+        catalog=options.catalog, epoch=options.epoch,
+        limiting_magnitude=options.limiting_magnitude,
+        settings=SolveSettings(method="match_group", deadline_ms=options.deadline_ms),
+        detect=DetectSettings(max_stars=options.max_stars), bayer=options.bayer or "",
+    )
