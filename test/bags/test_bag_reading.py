@@ -115,8 +115,8 @@ def test_the_camera_that_the_user_tells_goes_before_camera_info(tmp_path):
     wrong = Camera.from_fov(40, 512, 512)
     path = written(tmp_path / "bag", ("/centroids", MAP1.xy_px, 5), camera=wrong)
     assert not solved(path)[0].is_solved
-    told = Asked(fov_deg=12.0, size_px=(512, 512))
-    assert solved(path, told)[0].is_solved
+    assert solved(path, Asked(fov_deg=12.0))[0].is_solved
+    assert solved(path, Asked(camera=MAP1.camera))[0].is_solved
 
 
 def test_a_camera_without_calibration_tells_the_size_alone(tmp_path):
