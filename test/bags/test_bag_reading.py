@@ -277,6 +277,19 @@ def test_processes_give_what_one_process_gives(tmp_path):
     ]
 
 
+def test_a_dask_cluster_gives_what_this_process_gives(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="needs distributed, an extra")
+    path = maps_bag(tmp_path / "images.mcap", (1, 5), rendered=RenderSettings())
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None,
+        scheduler_port=0,
+    ) as cluster:
+        found = solved(path, spread=Spread(scheduler=cluster.scheduler_address))
+    assert [one.solution.attitude.rotation.tolist() for one in found] == [
+        one.solution.attitude.rotation.tolist() for one in solved(path)
+    ]
+
+
 # Writing
 
 
