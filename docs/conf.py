@@ -67,6 +67,7 @@ nitpick_ignore_regex = [
     ("py:.*", r"(abc|argparse|collections|pathlib|enum|subprocess)\..*"),
     ("py:.*", r"(rclpy|rcl_interfaces|\w+_msgs|std_srvs)\..*"),
     ("py:class", "Node"),  # of rclpy, imported where it is used only
+    ("py:class", "Client"),  # of distributed, in the same way
     # Type variables and other names of a module's own.
     ("py:.*", r"(star_tracker|msg_adapters)\.(\w+\.)*_\w+"),
 ]

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from star_tracker.attitude.prediction import Predictor
 from star_tracker.bags.frames import ReadFrame, Reading, read_frames
-from star_tracker.bags.reading import CENTROIDS, Announced, Bag, BagFrame
+from star_tracker.bags.reading import CENTROIDS, Bag, BagFrame
 from star_tracker.calibration.learning import LearningTracker
 from star_tracker.identification.searcher import METHODS
 from star_tracker.offline.frame_file import FileFrame
@@ -39,16 +39,15 @@ class BagSolver:
 
     def __init__(self, bag: Bag, asked: Asked) -> None:
         self._bag, self._asked = bag, asked
-        announced = Announced([], "") if asked.tells_camera else bag.announced()
-        self._announced: Announced = announced
+        announced, told = bag.announced(), asked.camera
         self.note = ""
-        if announced.refused and not announced:
+        if announced.refused and not announced and not asked.tells_camera:
             self.note = f"{bag.path}: {announced.refused}; the camera is found out instead"
-        told = asked.camera
+        self._announced = None if asked.tells_camera or not announced else announced
         self._size_px = asked.size_px or announced.size_px
-        if told is not None and not any(self._size_px):
+        if told is not None:
             self._size_px = told.width_px, told.height_px
-        if bag.kind == CENTROIDS and not announced and not any(self._size_px):
+        if bag.kind == CENTROIDS and not any(self._size_px):
             raise ValueError(
                 f"{bag.path} has centroids without CameraInfo: give the size of their image with "
                 "--width-px and --height-px"
@@ -64,7 +63,9 @@ class BagSolver:
         read any further.
         """
         bag, asked = self._bag, self._asked
-        reading = Reading(bag.path, asked.detect, asked.bayer, from_center=bool(self._announced))
+        reading = Reading(
+            bag.path, asked.detect, asked.bayer, from_center=self._announced is not None
+        )
         for read in read_frames(bag.frames(), bag.kind, reading, spread):
             yield read.bag_frame, self._result(read)
 
@@ -83,7 +84,7 @@ class BagSolver:
 
     def _camera(self, frame: FileFrame, stamp_ns: int) -> Camera | None:
         """Return the camera of a frame, None for any. Raises ValueError where it is not clear."""
-        if not self._announced:
+        if self._announced is None:
             return self._asked.told(frame.size_px if any(frame.size_px) else self._size_px)
         camera = self._announced.at(stamp_ns)
         if camera is None:

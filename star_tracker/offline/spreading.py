@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 from star_tracker.offline.cluster import connected
 from star_tracker.resources import sources_digest
 
-Item = TypeVar("Item")
-Made = TypeVar("Made")
+_Item = TypeVar("_Item")
+_Made = TypeVar("_Made")
 
 #: So many things for each process are under way or wait, so that none stands idle.
 _AHEAD = 3
@@ -37,7 +37,7 @@ class Spread:
         if self.jobs < 1:
             raise ValueError("--jobs must be at least 1")
 
-    def map(self, work: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[Made]:
+    def map(self, work: Callable[[_Item], _Made], items: Iterable[_Item]) -> Iterator[_Made]:
         """Yield what becomes of items, in their order; a few are taken ahead.
 
         Raises what `work` raises, and ValueError where a cluster fails.
@@ -49,22 +49,22 @@ class Spread:
         else:
             with ProcessPoolExecutor(max_workers=self.jobs) as pool:
 
-                def submit(item: Item) -> Any:
+                def submit(item: _Item) -> Any:
                     return pool.submit(work, item)
 
                 yield from _in_order(submit, items, _AHEAD * self.jobs)
 
 
 def _on_cluster(
-    address: str, work: Callable[[Item], Made], items: Iterable[Item]
-) -> Iterator[Made]:
+    address: str, work: Callable[[_Item], _Made], items: Iterable[_Item]
+) -> Iterator[_Made]:
     client = connected(address)
     import distributed  # noqa: PLC0415  it is there
 
     digest = sources_digest(*_SOURCES)
     with client:
 
-        def submit(item: Item) -> Any:
+        def submit(item: _Item) -> Any:
             # Images are sent as data: as arguments they would go through the scheduler.
             return client.submit(
                 _checked, work, client.scatter(item, hash=False), digest, pure=False
@@ -84,7 +84,7 @@ def _on_cluster(
             ) from error
 
 
-def _checked(work: Callable[[Item], Made], item: Item, digest: str) -> Made:
+def _checked(work: Callable[[_Item], _Made], item: _Item, digest: str) -> _Made:
     """Work where the sources are those of who asked, so that the results are the same."""
     if sources_digest(*_SOURCES) != digest:
         raise ValueError(
@@ -94,7 +94,7 @@ def _checked(work: Callable[[Item], Made], item: Item, digest: str) -> Made:
 
 
 def _in_order(
-    submit: Callable[[Item], Any], items: Iterable[Item], ahead: int
+    submit: Callable[[_Item], Any], items: Iterable[_Item], ahead: int
 ) -> Iterator[Any]:
     """Yield the results of futures in the items' order; so many are under way at the most."""
     under_way: deque[Any] = deque()

@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from msg_adapters.camera_info import info_from_camera
 from msg_adapters.centroids import Centroids
+from msg_adapters.image import compressed_from_picture, picture_from_image
 from msg_adapters.message_class import classes_from, message_class
 from msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.bags.frames import Reading, read_frames
@@ -104,6 +105,67 @@ def test_images_of_ros_1_are_detected(tmp_path):
     assert old.solution.attitude.rotation.tolist() == new.solution.attitude.rotation.tolist()
 
 
+def test_compressed_images_have_the_camera_info_of_their_camera(tmp_path):
+    """As image_transport records them; another camera's CameraInfo lies in the same bag."""
+    pytest.importorskip("PIL", reason="needs Pillow, an extra")
+    source = maps_bag(tmp_path / "images.mcap", (1,), rendered=RenderSettings())
+    path, types = tmp_path / "bag.mcap", BagTypes()
+    raw = {topic: types.store.deserialize_cdr(raw, kind)
+           for topic, kind, _, raw in raw_messages(source)}
+    with new_bag(path) as writer:
+        for name in ("/left", "/right"):
+            writer.declare(f"{name}/camera_info", "sensor_msgs/CameraInfo")
+        writer.declare("/left/image_raw/compressed", "sensor_msgs/CompressedImage")
+        picture, header = picture_from_image(raw["/image"]), raw["/image"].header
+        writer.write("/left/camera_info", raw["/camera_info"], 1)
+        other = info_from_camera(Camera.from_fov(40, 64, 64), header)
+        writer.write("/right/camera_info", other, 2)
+        compressed = compressed_from_picture(picture, header)
+        writer.write("/left/image_raw/compressed", compressed, 3)
+    (result,), (plain,) = solved(path), solved(source)
+    assert result.solution.attitude.rotation.tolist() == (
+        plain.solution.attitude.rotation.tolist()
+    )
+    assert "CameraInfo is for 64 x 64 px" in (
+        solved(path, info_topic="/right/camera_info")[0].error
+    )
+    assert refusal(path, info_topic="/up") == (
+        f"{path} has no CameraInfo on /up: there is /left/camera_info, /right/camera_info"
+    )
+
+
+def test_several_cameras_elsewhere_are_named_and_one_can_be_chosen(tmp_path):
+    path = tmp_path / "bag.mcap"
+    with new_bag(path) as writer:
+        header = writer.header(1, "c")
+        writer.declare("/stars", "sensor_msgs/PointCloud2")
+        writer.write("/stars", cloud_from_centroids(Centroids(MAP1.xy_px), header), 1)
+        for name in ("/left", "/right"):
+            writer.declare(f"{name}/camera_info", "sensor_msgs/CameraInfo")
+            writer.write(f"{name}/camera_info", info_from_camera(MAP1.camera, header), 1)
+    assert refusal(path) == (
+        f"{path} has several topics of CameraInfo, choose one with --camera-info-topic: "
+        "/left/camera_info, /right/camera_info"
+    )
+    assert solved(path, info_topic="/left/camera_info")[0].is_solved
+
+
+def test_cameras_that_are_all_younger_and_differ_are_none(tmp_path):
+    path = tmp_path / "bag.mcap"
+    with new_bag(path) as writer:
+        writer.declare("/stars", "sensor_msgs/PointCloud2")
+        writer.declare("/camera_info", "sensor_msgs/CameraInfo")
+        cloud = cloud_from_centroids(Centroids(MAP1.xy_px), writer.header(1, "c"))
+        writer.write("/stars", cloud, 1)
+        for stamp_ns, fov_deg in ((5, 12), (6, 20)):
+            info = info_from_camera(
+                Camera.from_fov(fov_deg, 512, 512), writer.header(stamp_ns, "c")
+            )
+            writer.write("/camera_info", info, stamp_ns)
+    (result,) = solved(path)
+    assert "all CameraInfo are younger than this frame, and not of one camera" in result.error
+
+
 def test_the_truth_of_rendered_maps_is_found(tmp_path):
     """CameraInfo counts from the middle of the first pixel: half a pixel off is 0.012 deg."""
     (result,) = solved(maps_bag(tmp_path / "images.mcap", (1,), rendered=RenderSettings()))
@@ -115,8 +177,8 @@ def test_the_camera_that_the_user_tells_goes_before_camera_info(tmp_path):
     wrong = Camera.from_fov(40, 512, 512)
     path = written(tmp_path / "bag", ("/centroids", MAP1.xy_px, 5), camera=wrong)
     assert not solved(path)[0].is_solved
-    told = Asked(fov_deg=12.0, size_px=(512, 512))
-    assert solved(path, told)[0].is_solved
+    assert solved(path, Asked(fov_deg=12.0))[0].is_solved
+    assert solved(path, Asked(camera=MAP1.camera))[0].is_solved
 
 
 def test_a_camera_without_calibration_tells_the_size_alone(tmp_path):
@@ -274,6 +336,19 @@ def test_processes_give_what_one_process_gives(tmp_path):
     one, two = solved(path), solved(path, spread=Spread(jobs=2))
     assert [r.solution.attitude.rotation.tolist() for r in one] == [
         r.solution.attitude.rotation.tolist() for r in two
+    ]
+
+
+def test_a_dask_cluster_gives_what_this_process_gives(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="needs distributed, an extra")
+    path = maps_bag(tmp_path / "images.mcap", (1, 5), rendered=RenderSettings())
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None,
+        scheduler_port=0,
+    ) as cluster:
+        found = solved(path, spread=Spread(scheduler=cluster.scheduler_address))
+    assert [one.solution.attitude.rotation.tolist() for one in found] == [
+        one.solution.attitude.rotation.tolist() for one in solved(path)
     ]
 
 
