@@ -14,7 +14,15 @@ import numpy as np
 
 from star_tracker.compiled import compiled
 from star_tracker.detection.centroids import Flag
-from star_tracker.detection.planes import Plane
+from star_tracker.detection.equations import (
+    BACKGROUND,
+    FLUX,
+    MOST_UNKNOWNS,
+    PLACE,
+    WIDTH,
+    equations,
+    solve,
+)
 from star_tracker.detection.psf import Psf, star_shape
 from star_tracker.detection.stars import Scene, Star, Window, noise_at, window_of
 from star_tracker.geometry.spherical import Floats
@@ -22,8 +30,6 @@ from star_tracker.geometry.spherical import Floats
 _SATURATED = int(Flag.SATURATED)
 #: Standard deviation of the logarithm of a star's width: lenses are not equally sharp all over.
 _WIDTH_SPREAD, _WINGS_SPREAD = 0.25, 1.0
-#: Unknowns before the fluxes, and at the most.
-_PLACE, _WIDTH, _BACKGROUND, _FLUX, _MOST = 0, 2, 3, 4, 7
 _MAX_ITERATIONS = 15
 #: A fit looks so many widths far: less than 1 % of what the pixels know of the place is beyond.
 _REACH_SIGMAS = 2.6
@@ -54,23 +60,6 @@ class Fitting(NamedTuple):
     widest_px: float
 
 
-class Light(NamedTuple):
-    """What is supposed of pixels of one colour.
-
-    Attributes:
-        flux, background: of the star, as far as they are known.
-        variance: of a pixel without the star; `shot` is what the star adds for each unit.
-        shot: see `Scene`.
-        limit: pixels from this value on do not count.
-    """
-
-    flux: float
-    background: float
-    variance: float
-    shot: float
-    limit: float
-
-
 @compiled
 def fitting(star: Star, psf: Psf, settled_px: float) -> Fitting:
     """Return how a star is fitted: the wings of a saturated one are wider than its core."""
@@ -92,20 +81,20 @@ def fit_star(scene: Scene, star: Star, flux: Floats, psf: Psf, how: Fitting) -> 
     star.noise = noise_at(scene, star.x, star.y)
     n_fluxes = 1 + np.max(scene.channel)
     flat = _FLAT_NOISES * star.noise + _HALO * max(star.peak, 0.0)
-    normal, right = np.empty((_MOST, _MOST)), np.empty(_MOST)
+    normal, right = np.empty((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.empty(MOST_UNKNOWNS)
     before, settled = 0.0, how.settled_px
     if star.snr > 0.0:
         settled = max(settled, _SETTLED_PART * star.sigma / star.snr)
     for _ in range(_MAX_ITERATIONS):
         shape = Psf(star.sigma, psf.dx_px, psf.dy_px)
         star_shape(shape, star.x, star.y, window.corner, window.shape)
-        if _equations(scene, star, flux, window, (normal, right)) < _FEWEST_PIXELS:
+        if equations(scene, star, flux, window, (normal, right)) < _FEWEST_PIXELS:
             return False
-        normal[_WIDTH, _WIDTH] += 1 / hold**2
-        right[_WIDTH] += math.log(psf.sigma_px / star.sigma) / hold**2
-        normal[_BACKGROUND, _BACKGROUND] += 1 / flat**2
-        right[_BACKGROUND] -= star.background / flat**2
-        if not _solve(normal, right, _FLUX + n_fluxes):
+        normal[WIDTH, WIDTH] += 1 / hold**2
+        right[WIDTH] += math.log(psf.sigma_px / star.sigma) / hold**2
+        normal[BACKGROUND, BACKGROUND] += 1 / flat**2
+        right[BACKGROUND] -= star.background / flat**2
+        if not solve(normal, right, FLUX + n_fluxes):
             return False
         moved = _step(star, flux, right, n_fluxes)
         if not (math.hypot(star.x - start_x, star.y - start_y) < farthest
@@ -120,125 +109,20 @@ def fit_star(scene: Scene, star: Star, flux: Floats, psf: Psf, how: Fitting) -> 
 
 
 @compiled
-def _equations(
-    scene: Scene, star: Star, flux: Floats, window: Window, system: tuple[Floats, Floats]
-) -> int:
-    """Write the normal equations of a step, lower half; return the number of pixels that count."""
-    normal, right = system
-    normal[:], right[:] = 0.0, 0.0
-    left, top = window.corner
-    _, ny, nx = window.shape.shape
-    # Of a Bayer pattern every second pixel of every second row has the same colour.
-    apart = 1 if np.max(scene.channel) == 0 else 2
-    n_pixels = 0
-    for i in range(min(apart, ny)):
-        for j in range(min(apart, nx)):
-            colour = scene.channel[(top + i) & 1, (left + j) & 1]
-            light = Light(
-                flux[colour], star.background, star.noise * star.noise, scene.shot,
-                scene.saturation_level,
-            )
-            n, sums = _sums(
-                scene.pixels[top + i : top + ny : apart, left + j : left + nx : apart],
-                scene.residual[top + i : top + ny : apart, left + j : left + nx : apart],
-                window.shape[:, i::apart, j::apart], light,
-            )
-            _add_sums(sums, _FLUX + colour, normal, right)
-            n_pixels += n
-    return n_pixels
-
-
-@compiled
-def _sums(
-    pixels: Plane, residual: Plane, shape: Floats, light: Light
-) -> tuple[int, tuple[float, ...]]:
-    """Return how many pixels (m, n) of one colour count, and their sums for `_add_sums`.
-
-    `shape` (4, m, n) is the star's there. The sums are numbers of their own, which stay in
-    registers.
-    """
-    star, by_x, by_y, by_width = shape
-    share, background = light.flux, light.background
-    n_pixels = 0
-    xx = xy = yy = xw = yw = ww = xb = yb = wb = bb = rx = ry = rw = rb = 0.0
-    fx = fy = fw = fb = ff = rf = 0.0
-    for i in range(star.shape[0]):
-        for j in range(star.shape[1]):
-            if not pixels[i, j] < light.limit:  # nor NaN
-                continue
-            n_pixels += 1
-            seen = star[i, j]
-            weight = 1.0 / (light.variance + light.shot * share * seen)
-            off = weight * (residual[i, j] - background - share * seen)
-            dx, dy, dw = share * by_x[i, j], share * by_y[i, j], share * by_width[i, j]
-            wx, wy, wdw, ws = weight * dx, weight * dy, weight * dw, weight * seen
-            xx, xy, yy = xx + wx * dx, xy + wx * dy, yy + wy * dy
-            xw, yw, ww = xw + wx * dw, yw + wy * dw, ww + wdw * dw
-            xb, yb, wb, bb = xb + wx, yb + wy, wb + wdw, bb + weight
-            rx, ry, rw, rb = rx + off * dx, ry + off * dy, rw + off * dw, rb + off
-            fx, fy, fw, fb = fx + ws * dx, fy + ws * dy, fw + ws * dw, fb + ws
-            ff, rf = ff + ws * seen, rf + off * seen
-    return n_pixels, (
-        xx, xy, yy, xw, yw, ww, xb, yb, wb, bb, fx, fy, fw, fb, ff, rx, ry, rw, rb, rf,
-    )
-
-
-@compiled
-def _add_sums(sums: tuple[float, ...], at: int, normal: Floats, right: Floats) -> None:
-    """Add the sums of one colour's pixels, whose flux is unknown number `at`, to the equations."""
-    k = 0
-    for i in range(_FLUX):
-        for j in range(i + 1):
-            normal[i, j] += sums[k]
-            k += 1
-    for j in range(_FLUX):
-        normal[at, j] += sums[k]
-        right[j] += sums[k + _FLUX + 1]
-        k += 1
-    normal[at, at] += sums[k]
-    right[at] += sums[k + _FLUX + 1]
-
-
-@compiled
-def _solve(normal: Floats, right: Floats, n: int) -> bool:
-    """Solve n symmetrical equations in place, by Cholesky; only the lower half is read."""
-    for i in range(n):
-        for j in range(i + 1):
-            total = normal[i, j]
-            for k in range(j):
-                total -= normal[i, k] * normal[j, k]
-            if i > j:
-                normal[i, j] = total / normal[j, j]
-            elif total > 1e-12 * abs(normal[i, i]):
-                normal[i, i] = math.sqrt(total)
-            else:
-                return False
-    for i in range(n):
-        for k in range(i):
-            right[i] -= normal[i, k] * right[k]
-        right[i] /= normal[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            right[i] -= normal[k, i] * right[k]
-        right[i] /= normal[i, i]
-    return True
-
-
-@compiled
 def _step(star: Star, flux: Floats, step: Floats, n_fluxes: int) -> float:
     """Take a step, not too long a one; return its length in place and width, px."""
     longest = max(
         abs(step[0]) / (_STEP_SIGMAS * star.sigma), abs(step[1]) / (_STEP_SIGMAS * star.sigma),
-        abs(step[_WIDTH]) / _STEP_WIDTH, 1.0,
+        abs(step[WIDTH]) / _STEP_WIDTH, 1.0,
     )
-    star.x += step[_PLACE] / longest
-    star.y += step[_PLACE + 1] / longest
-    star.background += step[_BACKGROUND] / longest
+    star.x += step[PLACE] / longest
+    star.y += step[PLACE + 1] / longest
+    star.background += step[BACKGROUND] / longest
     for colour in range(n_fluxes):
         # The flux stays positive: a star that is none would otherwise turn over and over.
-        flux[colour] = max(flux[colour] + step[_FLUX + colour] / longest, 1e-3 * flux[colour])
+        flux[colour] = max(flux[colour] + step[FLUX + colour] / longest, 1e-3 * flux[colour])
     before = star.sigma
-    star.sigma *= math.exp(step[_WIDTH] / longest)
+    star.sigma *= math.exp(step[WIDTH] / longest)
     return float(max(abs(step[0]), abs(step[1]), 0.1 * abs(star.sigma - before)))
 
 

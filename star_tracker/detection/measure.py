@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from star_tracker.compiled import compiled
 from star_tracker.detection.centroids import Flag
 from star_tracker.detection.fit import fit_star, fitting
-from star_tracker.detection.planes import Plane
+from star_tracker.detection.hot import is_hot
 from star_tracker.detection.moments import adaptive_moments
-from star_tracker.detection.psf import Psf
+from star_tracker.detection.planes import Plane
+from star_tracker.detection.psf import PIXEL_VARIANCE, Psf
 from star_tracker.detection.stars import Scene, Star, Stars, add_star, noise_at
 from star_tracker.geometry.spherical import Floats
 
@@ -25,16 +26,16 @@ _STREAK, _HOT, _EXTENDED = int(Flag.STREAK), int(Flag.HOT), int(Flag.EXTENDED)
 SUSPECT = _STREAK | _HOT | _EXTENDED
 #: The first fit only has to tell what a peak is.
 _ROUGHLY_PX = 0.02
-#: A star has at least this part of the light beside its peak that the sharpest star of its width
-#: has; where noise leaves room for that, so many standard deviations of it.
-_HOT_SHARE, _HOT_SIGMAS = 0.5, 2.0
-#: Colours of a Bayer pattern differ: a red star is faint beside a red pixel.
-_HOT_SHARE_BAYER = 0.2
 #: A star's width is within this factor of the image's, and its square is explained up to this.
 _WIDTH_FACTOR, _UNEXPLAINED = 2.2, 0.35
 #: A star saturates up to where it is this many times fainter than its peak; a lamp does more. Ten
 #: magnitudes: from the brightest star to where the sensor saturates.
 _SATURATED_RANGE = 1e4
+
+
+#: Two peaks closer than so many widths disturb each other's fits; without what is farther out than
+#: the core, by so many widths, they do less.
+_CROWDED, _CORE = 6.0, 1.3
 
 
 class Hunt(NamedTuple):
@@ -53,27 +54,6 @@ class Hunt(NamedTuple):
     threshold: float
     most: int
     suspects: bool
-
-
-@compiled
-def is_hot(scene: Scene, row: int, column: int, flatness: float) -> bool:
-    """Return whether the highest pixel about a peak is sharper than any star."""
-    height, width = scene.residual.shape
-    y, x = row, column
-    for i in range(max(row - 1, 0), min(row + 2, height)):
-        for j in range(max(column - 1, 0), min(column + 2, width)):
-            if scene.residual[i, j] > scene.residual[y, x]:
-                y, x = i, j
-    bayer = scene.channel[1, 1] != scene.channel[0, 0] or scene.channel[0, 1] != 0
-    beside, n = 0.0, 0
-    for i in range(max(y - 1, 0), min(y + 2, height)):
-        for j in range(max(x - 1, 0), min(x + 2, width)):
-            if (i == y) != (j == x):
-                beside += scene.residual[i, j]
-                n += 1
-    peak, share = scene.residual[y, x], _HOT_SHARE_BAYER if bayer else _HOT_SHARE
-    room = _HOT_SIGMAS * noise_at(scene, column, row) / math.sqrt(n)
-    return bool(beside / n + room < share * flatness * peak)
 
 
 @compiled
@@ -96,17 +76,16 @@ def measure(
         if claimed[row, column]:
             continue
         star = stars[n]
-        star.x = column + 0.5 + _vertex(brightness, row, column, 0, 1)
-        star.y = row + 0.5 + _vertex(brightness, row, column, 1, 0)
-        star.sigma = hunt.psf.sigma_px
-        star.background = star.reach = star.snr = star.unexplained = 0.0
-        star.flags = star.neighbours = 0
-        star.flux = brightness[row, column]
-        star.peak = _peak(scene.residual, row, column)
-        star.noise = noise_at(scene, star.x, star.y)
+        _begin(scene, star, (row, column), brightness, hunt.psf)
         fluxes[n, :] = star.flux
         _saturated(scene, star, claimed, hunt.psf)
         _judge(scene, star, fluxes[n], hunt)
+        if star.flags & SUSPECT == _EXTENDED and _is_crowded(peaks, k, hunt.psf):
+            # The core alone tells whether it is a star that another one disturbs.
+            _begin(scene, star, (row, column), brightness, hunt.psf)
+            fluxes[n, :], star.reach = star.flux, -_CORE * star.sigma
+            _judge(scene, star, fluxes[n], hunt)
+            star.reach = 0.0
         if star.flags & SUSPECT == 0:
             if star.snr < hunt.threshold:
                 continue
@@ -114,6 +93,40 @@ def measure(
             n_good += 1
         n += 1
     return n
+
+
+@compiled
+def _begin(
+    scene: Scene, star: Star, peak: tuple[int, int], brightness: Plane, psf: Psf
+) -> None:
+    """Write what a peak, row and column, tells of a star before it is fitted."""
+    row, column = peak
+    star.x = column + 0.5 + _vertex(brightness, row, column, 0, 1)
+    star.y = row + 0.5 + _vertex(brightness, row, column, 1, 0)
+    star.sigma = psf.sigma_px
+    star.background = star.reach = star.snr = star.unexplained = 0.0
+    star.flags = star.neighbours = 0
+    star.flux = brightness[row, column]
+    star.peak = _peak(scene.residual, row, column)
+    star.noise = noise_at(scene, star.x, star.y)
+
+
+@compiled
+def _is_crowded(peaks: NDArray[np.int64], k: int, psf: Psf) -> bool:
+    """Return whether just one other peak stands where a round star's pixels still count.
+
+    More than one are no pair of stars but pieces of a trail or a cloud.
+    """
+    if psf.dx_px != 0.0 or psf.dy_px != 0.0:
+        return False
+    near = _CROWDED * math.sqrt(psf.sigma_px**2 + PIXEL_VARIANCE) + 1.0
+    n = 0
+    for other in range(len(peaks)):
+        apart = math.hypot(
+            peaks[other, 0] - peaks[k, 0], peaks[other, 1] - peaks[k, 1]
+        )
+        n += 0.0 < apart < near
+    return n == 1
 
 
 @compiled

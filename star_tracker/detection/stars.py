@@ -1,6 +1,5 @@
 """The stars of an image as they are fitted, and the image that they are fitted to."""
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -169,7 +169,7 @@ def _add_offsets(off: Plane, count: Plane, first: Plane, second: Plane) -> None:
     It is apart from `_offsets` as loops over more than five arrays are not vectorised.
     """
     for x in range(len(off)):
-        inside = off[x] == off[x]  # noqa: PLR0124
+        inside = off[x] == off[x]
         value = off[x] if inside else np.float32(0.0)
         count[x] += np.float32(1.0) if inside else np.float32(0.0)
         first[x] += value

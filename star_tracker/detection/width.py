@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from star_tracker.compiled import compiled
 from star_tracker.detection.centroids import PSF_RANGE_PX
 from star_tracker.detection.fit import Fitting, fit_star
-from star_tracker.detection.measure import is_hot
+from star_tracker.detection.hot import is_hot
 from star_tracker.detection.moments import adaptive_moments
 from star_tracker.detection.psf import PIXEL_VARIANCE, Psf, flatness
 from star_tracker.detection.stars import STAR, Scene, Star, Stars

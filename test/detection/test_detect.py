@@ -141,9 +141,9 @@ def test_masked_pixels_are_not_used():
     mask[:, :160] = True
     found = detect_stars(image_of(stars, rng=rng), mask=mask)
     assert np.all(found.x_px > 158)
-    assert len(found) == np.count_nonzero(stars[:, 0] > 165) + np.count_nonzero(
-        found.x_px <= 165
-    )
+    right = stars[stars[:, 0] > 165]
+    assert np.max(np.abs(errors(found, right))) < 0.3
+    assert len(found) <= len(right) + 1  # noise may pass for one
 
 
 @pytest.mark.parametrize(("settings", "sentence"), [
