@@ -41,7 +41,7 @@ from msg_adapters.stamp import nanoseconds_from_header
 from node_cost import cpu_s
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.render import render
-from star_tracker.nodes.sky_image_node import SkyImageParameters
+from star_tracker.nodes.sky_parameters import SkyImageParameters
 
 #: Size, field of view, encoding and rate of each stream.
 STREAMS = {

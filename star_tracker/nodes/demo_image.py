@@ -14,7 +14,7 @@ from star_tracker.geometry.rotation import rotation_matrix
 from star_tracker.geometry.spherical import Floats, separation, unit_vectors
 from star_tracker.identification.labels import StarState
 from star_tracker.nodes.demo_frames import TIMEOUT_S, Collector, Result, Row, process
-from star_tracker.nodes.sky_image_node import SkyImageParameters
+from star_tracker.nodes.sky_parameters import SkyImageParameters
 
 #: Largest error of the boresight. A right solution is a hundred times better.
 _BORESIGHT_LIMIT_DEG = 0.1

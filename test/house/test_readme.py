@@ -19,7 +19,7 @@ def parameters():
     pytest.importorskip("rclpy", reason="rclpy is not installed")
     from star_tracker.nodes.centroid.parameters import CENTROID_PARAMETERS
     from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS, REPLAY_PARAMETERS
-    from star_tracker.nodes.sky_image_node import SKY_IMAGE_PARAMETERS
+    from star_tracker.nodes.sky_parameters import SKY_IMAGE_PARAMETERS
 
     return {
         "identify_node": IDENTIFY_PARAMETERS, "replay_node": REPLAY_PARAMETERS,

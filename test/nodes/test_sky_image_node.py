@@ -14,10 +14,10 @@ from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.detect import detect_stars
 from star_tracker.geometry.rotation import boresight_of, rotation_matrix
 from star_tracker.nodes.declaring import ParameterError
-from star_tracker.nodes.sky_image_node import (
+from star_tracker.nodes.sky_image_node import SkyImageNode
+from star_tracker.nodes.sky_parameters import (
     SIDEREAL_DEG_S,
     SKY_IMAGE_PARAMETERS,
-    SkyImageNode,
     SkyImageParameters,
 )
 
