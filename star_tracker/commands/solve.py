@@ -34,20 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="image, list of centroids, star map or bag; a number from 1 to 8 is a shipped map",
     )
     add_json_argument(parser)
-    parser.add_argument(
-        "--csv", type=Path, metavar="FILE", help="where a table of all results goes (none)"
-    )
-    parser.add_argument(
-        "--stars", type=Path, metavar="DIR", help="where the stars of each image go, CSV (none)"
-    )
-    parser.add_argument(
-        "--wcs", type=Path, metavar="DIR",
-        help="where a FITS header of each solved image goes (none)",
-    )
-    parser.add_argument(
-        "--annotate", type=Path, metavar="DIR",
-        help="where each solved image goes with its stars drawn over it, PNG (none)",
-    )
+    _add_written(parser)
     _add_camera_arguments(parser.add_argument_group("camera (found out where it is not told)"))
     _add_bag_arguments(parser.add_argument_group("bags"))
     more = parser.add_argument_group("sky and work")
@@ -69,6 +56,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     more.add_argument(
         "--independent", action="store_true", help="learn nothing from one file for another"
+    )
+
+
+def _add_written(parser: argparse.ArgumentParser) -> None:
+    """Declare what is written besides what is printed."""
+    parser.add_argument(
+        "--csv", type=Path, metavar="FILE", help="where a table of all results goes (none)"
+    )
+    parser.add_argument(
+        "--stars", type=Path, metavar="DIR", help="where the stars of each image go, CSV (none)"
+    )
+    parser.add_argument(
+        "--wcs", type=Path, metavar="DIR",
+        help="where a FITS header of each solved image goes (none)",
+    )
+    parser.add_argument(
+        "--annotate", type=Path, metavar="DIR",
+        help="where each solved image goes with its stars drawn over it, PNG (none)",
     )
 
 

@@ -16,8 +16,9 @@ from msg_adapters.point_cloud import centroids_from_cloud, cloud_from_centroids
 from msg_adapters.solution import values_from_diagnostics
 from star_tracker.bags.frames import Reading, read_frames
 from star_tracker.bags.output import declare_topics, write_result
-from star_tracker.bags.reading import IMAGE, Wanted, open_bag
+from star_tracker.bags.reading import Wanted, open_bag
 from star_tracker.bags.solving import BagSolver
+from star_tracker.bags.topics import IMAGE
 from star_tracker.bags.writing import new_bag
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.render_settings import RenderSettings
