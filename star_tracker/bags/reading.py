@@ -13,17 +13,12 @@ from msg_adapters import MessageError
 from msg_adapters.camera_info import camera_from_info
 from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.bags.message_types import require_rosbags
+from star_tracker.bags.topics import CAMERA_INFO, frames_topic, info_topic
 from star_tracker.optics.camera import Camera
 
-IMAGE, COMPRESSED, CENTROIDS = (
-    f"sensor_msgs/msg/{kind}" for kind in ("Image", "CompressedImage", "PointCloud2")
-)
-_CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 #: Endings of bags that are one file, beside folders with a file of metadata.
 ENDINGS = (".mcap", ".db3", ".bag")
 METADATA = "metadata.yaml"
-#: Clouds that identify_node publishes: no frames.
-_OUTPUT = "identified_stars"
 
 
 class DamagedBagError(ValueError):
@@ -55,7 +50,7 @@ class BagFrame:
     """A message with a frame, before anything is made of it.
 
     Attributes:
-        kind: its type, `IMAGE`, `COMPRESSED` or `CENTROIDS`.
+        kind: its type: `topics.IMAGE`, `COMPRESSED` or `CENTROIDS`.
         number: its place in the topic, from 0.
         stamp_ns, frame_id: of its header.
         logged_ns: when it was recorded.
@@ -127,9 +122,9 @@ class Bag:
         by_kind: dict[str, set[str]] = {}
         for one in reader.connections:
             by_kind.setdefault(one.msgtype, set()).add(one.topic)
-        self.topic, self.kind = _frames_topic(path, by_kind, wanted.topic)
-        infos = sorted(by_kind.get(_CAMERA_INFO, ()))
-        self.info_topic = _info_topic(path, infos, self.topic, wanted.info_topic)
+        self.topic, self.kind = frames_topic(path, by_kind, wanted.topic)
+        infos = sorted(by_kind.get(CAMERA_INFO, ()))
+        self.info_topic = info_topic(path, infos, self.topic, wanted.info_topic)
         self.n_frames = sum(one.msgcount for one in self._connections(self.topic))
 
     def announced(self) -> Announced:
@@ -216,51 +211,3 @@ def _plain(message: Any) -> Any:
     if not is_dataclass(message):
         return message
     return SimpleNamespace(**{name.lower(): _plain(one) for name, one in vars(message).items()})
-
-
-def _frames_topic(
-    path: Path, by_kind: dict[str, set[str]], topic: str
-) -> tuple[str, str]:
-    """Return the topic of the frames and its type. Raises ValueError unless there is just one."""
-    found = {
-        one: kind for kind in (IMAGE, COMPRESSED, CENTROIDS)
-        for one in sorted(by_kind.get(kind, ()))
-    }
-    if topic:
-        if topic not in found:
-            raise ValueError(
-                f"{path} has no images or centroids on {topic}"
-                + (f": choose of {', '.join(found)} with --topic" if found else "")
-            )
-        return topic, found[topic]
-    inputs = [one for one in found if one.rpartition("/")[2] != _OUTPUT]
-    if not inputs:
-        raise ValueError(
-            f"{path} has neither images nor centroids: record a topic of sensor_msgs/Image, "
-            "CompressedImage or PointCloud2"
-        )
-    if len(inputs) > 1:
-        raise ValueError(
-            f"{path} has several topics, choose one with --topic: {', '.join(inputs)}"
-        )
-    return inputs[0], found[inputs[0]]
-
-
-def _info_topic(path: Path, infos: Sequence[str], topic: str, asked: str) -> str:
-    """Return the topic of the CameraInfo that belongs to a topic of frames, empty for none."""
-    if asked:
-        if asked not in infos:
-            raise ValueError(
-                f"{path} has no CameraInfo on {asked}: there is {', '.join(infos) or 'none'}"
-            )
-        return asked
-    beside = topic.rpartition("/")[0] + "/camera_info"
-    if topic.endswith("/compressed"):  # /camera/image_raw/compressed has /camera/camera_info
-        beside = topic.rsplit("/", 2)[0] + "/camera_info"
-    if beside in infos or len(infos) < 2:
-        return beside if beside in infos else "".join(infos)
-    raise ValueError(
-        f"{path} has several topics of CameraInfo, choose one with --camera-info-topic: "
-        f"{', '.join(infos)}"
-    )
-

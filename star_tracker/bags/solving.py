@@ -10,7 +10,8 @@ from dataclasses import replace
 
 from star_tracker.attitude.prediction import Predictor
 from star_tracker.bags.frames import ReadFrame, Reading, read_frames
-from star_tracker.bags.reading import CENTROIDS, Bag, BagFrame
+from star_tracker.bags.reading import Bag, BagFrame
+from star_tracker.bags.topics import CENTROIDS
 from star_tracker.calibration.learning import LearningTracker
 from star_tracker.identification.searcher import METHODS
 from star_tracker.offline.frame_file import FileFrame

@@ -32,6 +32,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="image, list of centroids, star map or bag; a number from 1 to 8 is a shipped map",
     )
     add_json_argument(parser)
+    _add_written(parser)
+    add_camera_arguments(parser.add_argument_group("camera (found out where it is not told)"))
+    _add_bag_arguments(parser.add_argument_group("bags"))
+    more = parser.add_argument_group("sky and work")
+    add_sky_arguments(more)
+    more.add_argument(
+        "--scheduler", metavar="ADDRESS",
+        help="detect on the Dask cluster of this scheduler, for instance tcp://host:8786 (this "
+        "machine's processes)",
+    )
+    more.add_argument(
+        "--independent", action="store_true", help="learn nothing from one file for another"
+    )
+
+
+def _add_written(parser: argparse.ArgumentParser) -> None:
+    """Declare what is written besides what is printed."""
     parser.add_argument(
         "--csv", type=Path, metavar="FILE", help="where a table of all results goes (none)"
     )
@@ -45,18 +62,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--annotate", type=Path, metavar="DIR",
         help="where each solved image goes with its stars drawn over it, PNG (none)",
-    )
-    add_camera_arguments(parser.add_argument_group("camera (found out where it is not told)"))
-    _add_bag_arguments(parser.add_argument_group("bags"))
-    more = parser.add_argument_group("sky and work")
-    add_sky_arguments(more)
-    more.add_argument(
-        "--scheduler", metavar="ADDRESS",
-        help="detect on the Dask cluster of this scheduler, for instance tcp://host:8786 (this "
-        "machine's processes)",
-    )
-    more.add_argument(
-        "--independent", action="store_true", help="learn nothing from one file for another"
     )
 
 

@@ -17,8 +17,9 @@ from msg_adapters.message_class import classes_from, message_class
 from msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.bags.frames import Reading, read_frames
 from star_tracker.bags.message_types import BagTypes, long_name
-from star_tracker.bags.reading import CENTROIDS, DamagedBagError, Wanted, is_bag, open_bag
+from star_tracker.bags.reading import DamagedBagError, Wanted, is_bag, open_bag
 from star_tracker.bags.solving import BagSolver
+from star_tracker.bags.topics import CENTROIDS
 from star_tracker.bags.writing import new_bag
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.render_settings import RenderSettings

@@ -12,19 +12,18 @@ from ros_helpers import IdentifyClient, open_bench, stamp_ns
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 
 from msg_adapters.camera_info import info_from_camera
-from msg_adapters.detected_stars import cloud_from_detected
-from msg_adapters.image import picture_from_image
 from msg_adapters.point_cloud import centroids_from_cloud, cloud_from_centroids
 from msg_adapters.solution import values_from_diagnostics
 from star_tracker.bags.frames import Reading, read_frames
 from star_tracker.bags.output import declare_topics, write_result
-from star_tracker.bags.reading import IMAGE, Wanted, open_bag
+from star_tracker.bags.reading import Wanted, open_bag
 from star_tracker.bags.solving import BagSolver
+from star_tracker.bags.topics import IMAGE
 from star_tracker.bags.writing import new_bag
 from star_tracker.detection.centroids import DetectSettings
-from star_tracker.detection.detect import detect_stars
 from star_tracker.detection.render_settings import RenderSettings
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.nodes.centroid_node import CentroidNode
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.offline.solving import Asked
 
@@ -66,6 +65,19 @@ def of_the_node(frames, infos):
             "/boresight_deg": client.boresights.messages, "/solution": client.solutions.messages,
             "/identified_stars": client.clouds.messages,
         }
+
+
+def of_centroid_node(image):
+    """Send an image through a centroid_node; return its centroids."""
+    with open_bench() as bench:
+        clouds = bench.inbox(PointCloud2, "centroids")
+        node = bench.start(CentroidNode)
+        bench.until(lambda: clouds.n_publishers, "publisher of centroids")
+        outbox = bench.connected_outbox(Image, "image")
+        bench.until_true(lambda: node.ready, "detector")
+        outbox.publish(image)
+        bench.until(lambda: clouds.at(stamp_ns(image.header)), "centroids of the image")
+        return clouds.at(stamp_ns(image.header))[0]
 
 
 def without_times(message):
@@ -111,10 +123,7 @@ def test_images_become_the_centroids_of_centroid_node(tmp_path, bits):
     path = maps_bag(tmp_path / "image.mcap", (1,), rendered=RenderSettings(bits=bits))
     (image,) = messages_of(path)["/image"]
     assert image.encoding == {8: "mono8", 12: "mono16"}[bits]
-    stars = detect_stars(picture_from_image(image).pixels, DetectSettings())
-    published = centroids_from_cloud(
-        cloud_from_detected(stars, image.header, pixel_origin="center")
-    )
+    published = centroids_from_cloud(of_centroid_node(image))
     reading = Reading(path, DetectSettings(), from_center=True)
     with open_bag(path, Wanted()) as bag:
         (read,) = read_frames(bag.frames(), IMAGE, reading, HERE)
