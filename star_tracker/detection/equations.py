@@ -41,7 +41,10 @@ def equations(
 ) -> int:
     """Write the normal equations of a step, lower half; return the number of pixels that count."""
     normal, right = system
-    normal[:], right[:] = 0.0, 0.0
+    for i in range(MOST_UNKNOWNS):
+        right[i] = 0.0
+        for j in range(i + 1):
+            normal[i, j] = 0.0
     left, top = window.corner
     _, ny, nx = window.shape.shape
     # Of a Bayer pattern every second pixel of every second row has the same colour.

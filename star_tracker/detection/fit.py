@@ -42,6 +42,7 @@ _STEP_SIGMAS, _STEP_WIDTH = 0.7, 0.4
 _WIDTHS_PX, _WIDEST = (0.1, 30.0), 3.5
 #: Of the error that a star's noise gives its place anyway, so much does not matter.
 _SETTLED_PART = 0.05
+_LEFT_OVER = 0.25
 #: Fewer pixels than this determine nothing.
 _FEWEST_PIXELS = 8
 
@@ -51,7 +52,7 @@ class Fitting(NamedTuple):
 
     Attributes:
         hold: standard deviation of the prior on the logarithm of the width about the PSF's.
-        settled_px: the fit is at its end where a step, or the next one as it looks, is shorter.
+        settled_px: the fit is at its end where no more than this is left to go, as it looks.
         widest_px: what gets wider than this is no star, and its fit is given up.
     """
 
@@ -100,8 +101,8 @@ def fit_star(scene: Scene, star: Star, flux: Floats, psf: Psf, how: Fitting) -> 
         if not (math.hypot(star.x - start_x, star.y - start_y) < farthest
                 and _WIDTHS_PX[0] < star.sigma < how.widest_px):
             return False
-        # Steps shrink by about the same factor each time.
-        if moved < settled or moved * moved < 0.5 * settled * before:
+        # Of the error a step leaves a part, the same each time and hardly ever more than this.
+        if _LEFT_OVER * moved < settled or moved * moved < 0.5 * settled * before:
             _sum_up(scene, star, flux, window)
             return True
         before = moved
