@@ -97,6 +97,6 @@ def test_a_star_map_takes_no_output(capsys, tmp_path):
 
 
 def test_images_of_several_sizes_are_of_several_cameras(lists, capsys):
-    code, _, err = run(capsys, *lists, *SIZE, "7", "--fov-deg", "30")
+    code, _, err = run(capsys, *lists, "7", *SIZE, "--fov-deg", "30")
     assert code == 2
     assert "images of several cameras (6 of 640 x 480 px, 1 of 1024 x 1024 px)" in err

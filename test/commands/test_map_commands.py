@@ -227,7 +227,7 @@ def test_what_cannot_be_used_is_one_line_and_exit_code_2(capsys, arguments, text
     assert refusal(capsys, *arguments).startswith(f"star_tracker {arguments[0]}: {text}")
 
 
-@pytest.mark.parametrize("command", ["boresight", "calibrate", "geometry"])
+@pytest.mark.parametrize("command", ["boresight", "geometry"])
 def test_help_says_what_the_map_is_and_names_the_defaults(capsys, command):
     with pytest.raises(SystemExit) as stopped:
         cli.main([command, "--help"])

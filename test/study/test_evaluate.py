@@ -37,7 +37,7 @@ def test_what_is_left_out_is_told_and_reported(small, tmp_path, capsys):
     """Real images without a folder; a contestant that cannot do without a field of view."""
     content = {
         **small.content, "frames": 1, "maps": [], "combined": [], "cameras": ["12 deg"],
-        "contestants": [{"method": "match_group"}],
+        "contestants": [{"method": "radial_cyclic"}],
         "sweeps": {"fov_error_percent": {"values": [0, "unknown"]}},
         "images": {"fov_error_percent": {"values": [0]}},
     }
@@ -49,7 +49,7 @@ def test_what_is_left_out_is_told_and_reported(small, tmp_path, capsys):
     told = capsys.readouterr()
     notes = (
         "real images are left out: give their folder with --images",
-        "match_group is left out of 1 condition: it needs a field of view",
+        "radial_cyclic is left out of 1 condition: it needs a field of view",
     )
     assert told.err == "".join(f"star_tracker evaluate: {note}\n" for note in notes)
     assert "view +0 %" in told.out

@@ -12,6 +12,7 @@ from star_tracker.optics.camera import Camera
 from star_tracker.study.chunks import IDENTIFIED, WRONG, FramesChunk, ImageChunk, compete
 from star_tracker.study.contestants import Answer, Contestant, Entrant, Told
 from star_tracker.study.own_methods import OwnMethod
+from star_tracker.study.paper_forms import PaperForm
 from star_tracker.study.quantities import condition_of
 from star_tracker.study.scenes import Image, Scene, Sky, read_images, simulated
 
@@ -60,13 +61,25 @@ def test_a_wrong_field_of_view_is_told_with_its_tolerance_and_the_true_one_seen(
     assert solved(fov_error_percent=1).outcomes == [IDENTIFIED] * 12
 
 
-def test_a_field_of_view_that_is_not_told_may_be_any_and_our_methods_decline():
+def test_a_field_of_view_that_is_not_told_may_be_any_and_only_the_fallback_declines():
     condition = condition_of({"fov_error_percent": "unknown"})
     assert condition.name == "view not told"
     assert condition.fov_range_deg(CAMERA) == (4, 70)
     assert condition.told_camera(CAMERA).fov_deg == pytest.approx(np.sqrt(4 * 70))
-    assert OWN.declines(condition) == "it needs a field of view"
-    assert OWN.declines(Condition("clean")) == ""
+    assert OWN.declines(condition) == ""
+    assert OwnMethod(method="radial_cyclic").declines(condition) == "it needs a field of view"
+    assert PaperForm(method="match_group").declines(condition) == "it needs a field of view"
+
+
+@pytest.mark.parametrize("told", [5, -5, 30, "unknown"])
+def test_our_method_is_told_how_far_the_field_of_view_may_be_off_and_finds_it(told):
+    condition = condition_of({"fov_error_percent": told, "noise_px": 0.5})
+    entrant = OWN.set_up(Told.of(Sky(), CAMERA, condition, np.inf))
+    for scene in simulated(Sky(), CAMERA, condition, 3, np.random.SeedSequence(8)):
+        if scene.n_true < 6:
+            continue
+        answer = entrant.answer(entrant.solve(entrant.prepare(scene)))
+        assert scene.error_deg(answer.rotation) < 0.1
 
 
 def test_a_lens_that_is_not_told_bends_the_frames_only():
