@@ -30,6 +30,9 @@ _LEAST_DOUBT, _MOST_DOUBT = 0.005, 0.1
 _BEND = 0.075
 #: A tracker is made anew where the camera's rays have moved by more than this in the image, px.
 _MOVED_PX = 0.25
+#: Or where the focal length may be off by less than this part of what it might be before: each
+#: scale that need not be searched leaves more of the evidence to frames of few stars.
+_SURER = 0.5
 #: A frame is gone through so often, at the most, while the camera found in it explains more stars.
 _ROUNDS = 4
 #: The camera learns from each of the first so many solved frames, and then from one in so many:
@@ -285,8 +288,9 @@ class LearningTracker:
             )
             self._belief = None
             return
-        camera = belief.estimator.estimate.camera
-        if _moved_px(belief.tracker.camera, camera) > _MOVED_PX:
+        camera, used = belief.estimator.estimate.camera, belief.tracker.camera
+        surer = camera.tolerance_percent < _SURER * used.tolerance_percent
+        if surer or _moved_px(used, camera) > _MOVED_PX:
             belief.camera = camera
             belief.tracker = StarTracker(belief.tracker.database, camera, self.settings)
 
