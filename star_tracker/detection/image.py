@@ -161,8 +161,11 @@ def _is_plateau(pixels: Plane, largest: float) -> bool:
     if len(y) <= _PLATEAU_NEIGHBOURS:
         return False
     sample = pixels.ravel()[:: max(1, pixels.size // _SAMPLES)]
-    middle = np.nanmedian(sample)
-    noise = 1.4826 * np.nanmedian(np.abs(sample - middle))
+    sample = sample[~np.isnan(sample)]
+    if len(sample) == 0:
+        return False
+    middle = np.median(sample)
+    noise = 1.4826 * np.median(np.abs(sample - middle))
     if not largest - middle > _PLATEAU_NOISES * max(noise, 1e-6 * abs(largest)):
         return False
     near = (np.abs(y[:, None] - y) <= 1) & (np.abs(x[:, None] - x) <= 1)

@@ -25,7 +25,7 @@ _SATURATED, _EDGE = int(Flag.SATURATED), int(Flag.EDGE)
 _STREAK, _HOT, _EXTENDED = int(Flag.STREAK), int(Flag.HOT), int(Flag.EXTENDED)
 SUSPECT = _STREAK | _HOT | _EXTENDED
 #: The first fit only has to tell what a peak is.
-_ROUGHLY_PX = 0.02
+_ROUGHLY_PX = 0.008
 #: A star's width is within this factor of the image's, and its square is explained up to this.
 _WIDTH_FACTOR, _UNEXPLAINED = 2.2, 0.35
 #: A star saturates up to where it is this many times fainter than its peak; a lamp does more. Ten
