@@ -102,7 +102,8 @@ class Solution:
         told_camera: the camera as it was told, of the parity found; None where unsolved.
         scale: the focal length as found, as a multiple of the told one.
         focal_length_error: standard error of the focal length, relative; 0 where it was told
-            without tolerance and so is not fitted. What was told beforehand is in it.
+            without tolerance and so is not fitted, unless the stars contradict it
+            (`identification/contradiction.py`). What was told beforehand is in it.
         centroid_sigma_px: noise of a centroid along each axis that the covariance is made with.
         catalog: the catalogue that `catalog_index` counts in; None where unsolved.
     """

@@ -288,9 +288,9 @@ class LearningTracker:
             )
             self._belief = None
             return
-        camera, used = belief.estimator.estimate.camera, belief.tracker.camera
-        surer = camera.tolerance_percent < _SURER * used.tolerance_percent
-        if surer or _moved_px(used, camera) > _MOVED_PX:
+        camera, at_work = belief.estimator.estimate.camera, belief.tracker.camera
+        surer = camera.tolerance_percent < _SURER * at_work.tolerance_percent
+        if surer or _moved_px(at_work, camera) > _MOVED_PX:
             belief.camera = camera
             belief.tracker = StarTracker(belief.tracker.database, camera, self.settings)
 

@@ -27,7 +27,14 @@ _SAME = 2e-3
 
 def is_doubtful(solution: Solution) -> bool:
     """Return whether a frame ended so that the camera may be the reason."""
-    return solution.status in (Status.NO_MATCH, Status.TIMEOUT) or solution.rms_px > _BAD_RMS_PX
+    unsolved = solution.status in (Status.NO_MATCH, Status.TIMEOUT)
+    return unsolved or solution.rms_px > _BAD_RMS_PX or _contradicts(solution)
+
+
+def _contradicts(solution: Solution) -> bool:
+    """Return whether the stars have contradicted a focal length that was told as exact."""
+    told = solution.told_camera
+    return told is not None and told.tolerance_percent == 0 and solution.scale != 1.0
 
 
 class SecondOpinion:
@@ -61,6 +68,8 @@ class SecondOpinion:
             deadline_ms: the time for it.
         """
         told = self._told
+        if _contradicts(solution) and solution.camera is not None:
+            return _improves(solution.camera, told)
         found = self._tracker.solve(xy_px, intensity, deadline_ms=deadline_ms)
         if found.camera is None or found.rms_px > _BETTER * solution.rms_px:
             return ""
@@ -68,7 +77,11 @@ class SecondOpinion:
             return f"image looks mirrored: parity {found.parity} solves it"
         if abs(found.camera.fov_deg / told.fov_deg - 1) < _SAME:
             return ""
-        return (
-            f"improves if fov_deg is {found.camera.fov_deg:.2f} instead of {told.fov_deg:.2f}, or "
-            "may be off: fov_tolerance_percent"
-        )
+        return _improves(found.camera, told)
+
+
+def _improves(found: Camera, told: Camera) -> str:
+    return (
+        f"improves if fov_deg is {found.fov_deg:.2f} instead of {told.fov_deg:.2f}, or may be "
+        "off: fov_tolerance_percent"
+    )

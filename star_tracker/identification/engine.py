@@ -11,6 +11,7 @@ from star_tracker.catalogue.triangles import TriangleTable
 from star_tracker.compiled import compiled, struct
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.cells import empty_room
+from star_tracker.identification.crowd import no_crowd
 from star_tracker.identification.judge import Sky, View, empty_matches
 from star_tracker.identification.search import PROGRESS, Limits
 from star_tracker.identification.shapes import Triangles, empty_fan
@@ -28,14 +29,14 @@ ScratchType, Scratch = struct("Scratch", __name__, ("votes", "room", "matches", 
 #: - levels: the levels of the search (`plan.LEVEL`);
 #: - limits: when it ends (`search.Limits`);
 #: - votes, room, matches, fan: scratch memory;
-#: - frame: the centroids;
+#: - frame, crowd: the centroids, and where they crowd;
 #: - progress: (1,) of `search.PROGRESS`;
 #: - best: the best pose so far, its rotation an array that Python reads too;
 #: - outcome: (1,) of `OUTCOME`;
 #: - quaternion, covariance: (4,) and (3, 3) of the attitude of a labelled frame.
 EngineType, Engine = struct("Engine", __name__, (
     "sky", "pairs", "triangles", "levels", "limits", "votes", "room", "matches", "fan", "frame",
-    "progress", "best", "outcome", "quaternion", "covariance",
+    "crowd", "progress", "best", "outcome", "quaternion", "covariance",
 ))
 
 #: What became of a frame. `n_usable` centroids are finite and in the image; the rest is that of a
@@ -108,6 +109,7 @@ def make_engine(
     return Engine(
         sky, pairs, triangles, levels, limits,
         scratch.votes, scratch.room, scratch.matches, scratch.fan,
-        empty_frame(results.vectors), results.progress, Pose(results.rotation, 1.0, False),
+        empty_frame(results.vectors), no_crowd(),
+        results.progress, Pose(results.rotation, 1.0, False),
         results.outcome, results.quaternion, results.covariance,
     )

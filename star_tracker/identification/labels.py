@@ -97,13 +97,11 @@ def label_frame(engine: Any, labels: NDArray[np.void]) -> tuple[int, float]:
     for _ in range(2):
         refine_pose(sky, frame, matches, k, best)
         see_at_scale(frame, sky.focal_px, best.scale)
-    _measure(sky, frame, best, k, matches)
-    sum2 = 0.0
+    sum2 = measure(sky, frame, best, k, matches)
     for i in range(k):
         row = labels[frame.row[matches.observed[i]]]
         row.catalog_index, row.state = matches.catalog[i], StarState.IDENTIFIED
         row.residual_px = np.sqrt(matches.residual2[i])
-        sum2 += matches.residual2[i]
     if engine.limits.displaced_gate_px > 0 and k < frame.n:
         _label_displaced(engine, n_near, labels)
     return k, sum2
@@ -151,8 +149,9 @@ def _settle(sky: Any, frame: Any, gate_px: float, pose: Any, matches: Any) -> tu
 
 
 @compiled
-def _measure(sky: Any, frame: Any, pose: Any, k: int, matches: Any) -> None:
-    """Write the squared residuals of the first `k` matches for a pose."""
+def measure(sky: Any, frame: Any, pose: Any, k: int, matches: Any) -> float:
+    """Write the squared residuals of the first `k` matches for a pose; return their sum."""
+    sum2 = 0.0
     r, vectors, focal_px = pose.rotation, sky.guides.vectors, sky.focal_px * pose.scale
     for i in range(k):
         v = vectors[matches.catalog[i]]
@@ -161,6 +160,8 @@ def _measure(sky: Any, frame: Any, pose: Any, k: int, matches: Any) -> None:
         dx = (r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2]) * scale - place[0]
         dy = (r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2]) * scale - place[1]
         matches.residual2[i] = dx * dx + dy * dy
+        sum2 += matches.residual2[i]
+    return sum2
 
 
 @compiled

@@ -8,6 +8,7 @@ from star_tracker.attitude.pose import copy_pose
 from star_tracker.attitude.wahba import solve_wahba
 from star_tracker.compiled import compiled
 from star_tracker.identification.cells import best_cells, members, triangle_check
+from star_tracker.identification.crowd import crowding
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.judge import judge
 from star_tracker.identification.shapes import (
@@ -240,6 +241,9 @@ def judge_and_keep(engine: Any, pose: Any, tolerance_px: float) -> float:
     """Judge a pose, keep it if it is the best, or the best of the others; return its score."""
     matches, progress, best = engine.matches, engine.progress[0], engine.best
     score = judge(engine.sky, engine.frame, tolerance_px, pose, matches)
+    if score > 0.0:
+        area_px2 = engine.sky.optics[0] * engine.sky.optics[1]
+        score -= crowding(engine.crowd, engine.frame, area_px2, matches.observed, matches.n_best)
     progress.n_since_best += 1
     # Trace of best^T rotation: 1 + 2 cos(angle between the two poses).
     trace = 0.0

@@ -20,6 +20,7 @@ from star_tracker.geometry.rotation import (
     write_quaternion,
 )
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.contradiction import fit_focal_length
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
 from star_tracker.identification.labels import StarState, label_frame
@@ -37,6 +38,7 @@ def begin(engine: Any, xy_px: Floats, intensity: Floats) -> int:
     fill_frame(frame, engine.sky.optics, xy_px, intensity)
     engine.outcome[0].n_usable = frame.n
     forget(engine.progress[0])
+    engine.crowd.known = False
     return Ended.TOO_FEW if frame.n < MIN_STARS else Ended.MORE
 
 
@@ -86,6 +88,8 @@ def label(engine: Any, labels: NDArray[np.void]) -> None:
     """Write a row of `labels` for each centroid, and the attitude of the best pose."""
     rotation, outcome, frame = engine.best.rotation, engine.outcome[0], engine.frame
     k, sum2 = label_frame(engine, labels)
+    if not engine.best.free:
+        sum2 = fit_focal_length(engine, labels, k, sum2)
     write_quaternion(rotation, engine.quaternion)
     outcome.ra_rad, outcome.dec_rad, outcome.roll_rad = boresight_of(rotation)
     outcome.rms_px, outcome.scale = np.sqrt(sum2 / k), engine.best.scale
@@ -93,7 +97,7 @@ def label(engine: Any, labels: NDArray[np.void]) -> None:
     focal_px, known = engine.sky.focal_px * engine.best.scale, engine.sky.scale_prior.sigma
     of_direction, of_scale = outcome.variance_px2 / (focal_px * focal_px), np.inf
     if engine.best.free:
-        of_scale = of_direction / (known * known)
+        of_scale = of_direction / (known * known) if known > 0.0 else 0.0
     outcome.scale_variance = write_covariance(
         frame.vectors, engine.matches.observed, k, (of_direction, of_scale), engine.covariance
     )

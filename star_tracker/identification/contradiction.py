@@ -1,0 +1,52 @@
+"""Do the stars contradict a focal length that was told as exact? Then it is fitted as well.
+
+A camera that is taken at its word gives a wrong attitude, and a covariance that knows nothing of
+it, where its focal length is wrong: the pose leans on those stars that fit by chance. The sum of
+squared residuals tells: with the focal length free it falls by a factor that pure noise does not
+reach (a likelihood ratio of e^10, which is 4.5 standard deviations where stars are many).
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from star_tracker.attitude.joint_fit import refine_scaled
+from star_tracker.attitude.pose import copy_pose
+from star_tracker.compiled import compiled
+from star_tracker.identification.labels import measure
+from star_tracker.optics.frame import see_at_scale
+
+#: The logarithm of the likelihood ratio that contradicts, and least deviation of the focal length
+#: that is one, relative: no calibration is better for long.
+_CONTRADICTS, _LEAST = 10.0, 1e-3
+#: Steps of the fit, once it is wanted.
+_STEPS = 4
+
+
+@compiled
+def fit_focal_length(engine: Any, labels: NDArray[np.void], k: int, sum2: float) -> float:
+    """Fit the focal length too, if the `k` identified stars contradict it; return their sum2.
+
+    `sum2` is their sum of squared residuals, px^2, with the focal length as told. The pose, its
+    scale and the residuals of `labels` change where they do.
+    """
+    frame, matches, best, trial = engine.frame, engine.matches, engine.best, engine.matches.trial
+    sky = engine.sky
+    copy_pose(best, trial)
+    freed = sum2
+    for step in range(_STEPS):
+        refine_scaled(frame.vectors, sky.guides.vectors, matches, k, trial, 0.0)
+        see_at_scale(frame, sky.focal_px, trial.scale)
+        freed = measure(sky, frame, trial, k, matches)
+        ratio = 0.5 * (2 * k - 3) * np.log(max(sum2, 1e-300) / max(freed, 1e-300))
+        if step == 0 and (ratio < 0.5 * _CONTRADICTS or abs(np.log(trial.scale)) < _LEAST):
+            break
+    if ratio < _CONTRADICTS or abs(np.log(trial.scale)) < _LEAST:
+        see_at_scale(frame, sky.focal_px, best.scale)
+        return sum2
+    copy_pose(trial, best)
+    best.free = True
+    for i in range(k):
+        labels[frame.row[matches.observed[i]]].residual_px = np.sqrt(matches.residual2[i])
+    return freed

@@ -1,0 +1,66 @@
+"""A focal length that was told as exact, and that the stars contradict."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from star_tracker.maps.simulation import random_rotation, synthetic_field
+from star_tracker.optics.camera import Camera
+from star_tracker.solution import SolveSettings, Status
+from star_tracker.tracker import StarTracker
+
+CAMERA = Camera.from_fov(20, 1024, 1024)
+NOISE_PX = 0.3
+
+
+def solved(database, percent, n=30, seed=1):
+    """Solutions and true rotations of frames whose focal length is told so much too long."""
+    rng = np.random.default_rng(seed)
+    tracker = StarTracker(
+        database, CAMERA.scaled(1 + percent / 100), SolveSettings(method="match_group")
+    )
+    for _ in range(n):
+        rotation = random_rotation(rng)
+        frame = synthetic_field(database.catalog, CAMERA, rotation, rng, noise_px=NOISE_PX)
+        yield tracker.solve(frame.xy_px), rotation
+
+
+def nees(solution, true):
+    error = Rotation.from_matrix(solution.attitude.rotation.T @ true).as_rotvec()
+    return error @ np.linalg.solve(solution.attitude.covariance_rad2, error)
+
+
+@pytest.mark.parametrize("percent", [-1.0, -0.5, 0.5, 1.0])
+def test_it_is_fitted_and_the_covariance_knows(database, percent):
+    found = [(s, true) for s, true in solved(database, percent) if s.status is Status.SOLVED]
+    assert len(found) >= 29
+    for solution, true in found:
+        assert solution.scale == pytest.approx(1 / (1 + percent / 100), rel=2e-3)
+        assert 0 < solution.focal_length_error < 2e-3
+        assert solution.camera.fov_deg == pytest.approx(20.0, rel=2e-3)
+        # A star or two of the outer ones may be the wrong one.
+        assert solution.rms_px < 3 * NOISE_PX
+        assert nees(solution, true) < 30
+    assert np.mean([nees(*one) for one in found]) < 6
+
+
+def test_one_that_is_right_stays_as_it_was_told(database):
+    for solution, _ in solved(database, 0.0, 60):
+        assert solution.status is Status.SOLVED
+        assert (solution.scale, solution.focal_length_error) == (1.0, 0.0)
+        assert solution.camera == CAMERA
+
+
+def test_one_that_is_far_off_is_refused_in_a_sentence_or_the_attitude_is_right(database):
+    reasons = []
+    for solution, true in solved(database, 5.0, 60):
+        if solution.status is Status.SOLVED:
+            assert nees(solution, true) < 30
+        elif solution.reason.startswith("the stars contradict"):
+            reasons.append(solution.reason)
+    assert len(reasons) > 5
+    assert all(
+        reason.endswith("correct fov_deg, or give it a tolerance (fov_tolerance_percent)")
+        for reason in reasons
+    )
+    assert reasons[0].startswith("the stars contradict the field of view of 19.07 deg, about ")
