@@ -125,16 +125,18 @@ def evidence(most: int, centroid_sigma_px: float) -> Evidence:
 def variance(e: Evidence, sum2: float, k: int, free: bool) -> float:
     """Return the variance of a centroid along each axis, px^2, to be believed of k matches.
 
-    What was known of the noise and the squared residuals together (Gelman et al. 2013, 2.6), never
-    below `_FLOOR_PX`. Few residuals may all be small by chance: where the noise was not told, the
-    variance is widened so that an error beyond the 99 % bound of a normal distribution
-    with it is as rare as it should be, which makes it that of Student's distribution there.
+    What was told of the noise and the squared residuals together (Gelman et al. 2013, 2.6), or the
+    residuals alone where nothing was: what is typical would hide how good a detector is. Few
+    residuals may all be small by chance, so that the variance is widened until an error beyond the
+    99 % bound of a normal distribution with it is as rare as it should be, which makes it that of
+    Student's distribution there. Never below `_FLOOR_PX`.
     """
     # Three of the 2 k coordinates went into the rotation, and one into the focal length.
-    residual_freedom = 2 * k - (4 if free else 3)
-    value = (e.scale_px2 + sum2) / (e.freedom + residual_freedom)
-    if e.freedom <= _UNKNOWN_FREEDOM:
-        value *= e.widening[min(residual_freedom, len(e.widening) - 1)]
+    freedom, scale_px2 = 2 * k - (4 if free else 3), sum2
+    if e.freedom > _UNKNOWN_FREEDOM:
+        freedom += int(e.freedom)
+        scale_px2 += e.scale_px2
+    value = scale_px2 / freedom * e.widening[min(freedom, len(e.widening) - 1)]
     return max(value, _FLOOR_PX * _FLOOR_PX)
 
 

@@ -262,12 +262,13 @@ def test_a_tolerance_is_one_standard_deviation_and_a_tenth_more_is_searched(tole
 
 @pytest.mark.parametrize("free", [False, True])
 @pytest.mark.parametrize("k", [4, 6, 20, 150])
-def test_a_variance_joins_what_was_known_with_the_residuals(k, free):
-    """Gelman et al. (2013), 2.6: (nu s0^2 + S) / (nu + degrees of freedom)."""
+def test_a_variance_joins_what_was_told_with_the_residuals(k, free):
+    """Gelman et al. (2013), 2.6: (nu s0^2 + S) / (nu + degrees of freedom), and widened."""
     known, sum2 = evidence(100, 0.2), 3.7
-    degrees = 2 * k - (4 if free else 3)
-    expected = (20 * 0.2**2 + sum2) / (20 + degrees)
-    assert variance(known, sum2, k, free) == pytest.approx(expected, rel=1e-12)
+    degrees = 20 + 2 * k - (4 if free else 3)
+    expected = (20 * 0.2**2 + sum2) / degrees
+    widening = 3 * f.ppf(0.99, 3, degrees) / chi2.ppf(0.99, 3)
+    assert variance(known, sum2, k, free) == pytest.approx(widening * expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("k", [4, 5, 8, 20, 100])
@@ -277,7 +278,7 @@ def test_a_variance_of_few_residuals_is_widened_as_students_distribution_asks(k)
     So often as a chi-square of 3 stays below its 99 % bound, 3 F(3, d) stays below that of F.
     """
     unknown, sum2, degrees = evidence(100, 0.0), 3.7, 2 * k - 3
-    plain = (0.7**2 + sum2) / (1 + degrees)
+    plain = sum2 / degrees
     widening = 3 * f.ppf(0.99, 3, degrees) / chi2.ppf(0.99, 3)
     assert variance(unknown, sum2, k, False) == pytest.approx(widening * plain, rel=1e-9)
 
@@ -288,22 +289,21 @@ def test_the_widening_falls_to_one():
     assert 1 < widening[-1] < 1.02
     # More degrees of freedom than the table has are those of its end.
     assert variance(evidence(10, 0.0), 1e6, 5000, False) == pytest.approx(
-        widening[-1] * (0.7**2 + 1e6) / (1 + 9997), rel=1e-12
+        widening[-1] * 1e6 / 9997, rel=1e-12
     )
 
 
-def test_the_bound_of_a_widened_variance_holds_as_often_as_it_says():
-    """Errors of three angles and residuals of 5 stars, 20,000 times; 99 % +- 0.07 % are within.
-
-    The prior, which is right here, makes it a little safer.
-    """
-    rng, k, trials = np.random.default_rng(3), 5, 20_000
+@pytest.mark.parametrize("sigma_px", [0.03, 0.7, 5.0])
+@pytest.mark.parametrize("k", [4, 5, 8])
+def test_the_bound_of_a_widened_variance_holds_as_often_as_it_says(sigma_px, k):
+    """Errors of three angles and residuals of k stars, 20,000 times, whatever the noise."""
+    rng, trials = np.random.default_rng(3), 20_000
     known = evidence(10, 0.0)
-    sum2 = 0.7**2 * rng.chisquare(2 * k - 3, trials)
-    error2 = 0.7**2 * rng.chisquare(3, trials)
+    sum2 = sigma_px**2 * rng.chisquare(2 * k - 3, trials)
+    error2 = sigma_px**2 * rng.chisquare(3, trials)
     believed = np.array([variance(known, s, k, False) for s in sum2])
     beyond = np.mean(error2 / believed > chi2.ppf(0.99, 3))
-    assert beyond < 0.01 + 3 * 0.0007
+    assert beyond == pytest.approx(0.01, abs=4 * 0.0007)
 
 
 @pytest.mark.parametrize(("sigma_px", "k"), [(0.001, 50), (0.0, 100_000)])
