@@ -328,7 +328,8 @@ def test_without_matplotlib_the_extra_is_named():
     result = completed("-c", script)
     assert result.returncode == 2
     assert result.stderr == (
-        "star_tracker plot: pictures need matplotlib: pip install 'star_tracker[plot]'\n"
+        "star_tracker plot: pictures need matplotlib: apt install python3-matplotlib, or pip "
+        "install matplotlib\n"
     )
 
 
