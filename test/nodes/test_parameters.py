@@ -195,6 +195,16 @@ def test_what_is_given_a_value_but_no_parameter_is_named_at_the_start(capfd):
     }
 
 
+@pytest.mark.parametrize("node", NODES)
+def test_a_change_of_a_parameter_that_does_not_exist_is_refused_by_name(node):
+    make, parameters = NODES[node]
+    name = parameters[0].name
+    with open_bench() as bench:
+        result = bench.start(make).set_parameters_atomically([Parameter(f"{name}s", value=1)])
+    assert not result.successful
+    assert result.reason == f"there is no parameter {name}s: {name}?"
+
+
 def test_parameters_of_every_node_are_not_named_at_the_start(capfd):
     with open_bench() as bench:
         node = bench.start(
