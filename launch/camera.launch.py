@@ -5,12 +5,12 @@ without a calibration: `use_camera_info:=false width_px:=1936 height_px:=1216`; 
 is then found out from the stars. Both nodes run in one process, with `composed:=false` in two.
 """
 
-from pathlib import Path
-
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+from star_tracker.nodes.launch_arguments import files, pixels, switch
 
 ARGUMENTS = {
     "image": ("image", "topic of the images; of compressed ones, without /compressed"),
@@ -27,21 +27,6 @@ ARGUMENTS = {
     "log_level": ("info", "debug, info, warn, error or fatal"),
     "respawn": ("false", "start what has ended again"),
 }
-_WORDS = {"true": True, "false": False}
-
-
-def switch(name: str, text: str) -> bool:
-    """Return what an argument says. Raises ValueError, in one line, for what is no such word."""
-    if text.lower() not in _WORDS:
-        raise ValueError(f"{name}:={text} must be true or false")
-    return _WORDS[text.lower()]
-
-
-def pixels(name: str, text: str) -> int:
-    """Return a number of pixels. Raises ValueError, in one line, for what is no such number."""
-    if not text.isdecimal():
-        raise ValueError(f"{name}:={text} must be a whole number of pixels")
-    return int(text)
 
 
 def parameters(told: dict[str, str]) -> tuple[list[object], list[object]]:
@@ -49,11 +34,7 @@ def parameters(told: dict[str, str]) -> tuple[list[object], list[object]]:
 
     Raises ValueError, in one line, for a file that is not there.
     """
-    file: list[object] = []
-    if told["params_file"]:
-        if not Path(told["params_file"]).is_file():
-            raise ValueError(f"params_file:={told['params_file']} is not there")
-        file.append(told["params_file"])
+    file = files("params_file", told["params_file"])
     common: dict[str, object] = {}
     if told["use_sim_time"]:
         common["use_sim_time"] = switch("use_sim_time", told["use_sim_time"])

@@ -8,17 +8,16 @@ config/ekf.yaml.
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
-from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
+from star_tracker.nodes.launch_arguments import files, number, switch
 from star_tracker.resources import resource_path
 
 #: Stands for an angle of the place that is not told, as in the node's parameters.
 NOT_TOLD = -1000.0
 ARGUMENTS = {
-    "params_file": (str(resource_path("config/fov12.yaml")), "camera and parameters, a YAML file"),
+    "params_file": ("", "camera and parameters, a YAML file; empty = the node's defaults"),
     "namespace": ("", "in front of all topics but /diagnostics, /tf and /tf_static"),
     "latitude_deg": (str(NOT_TOLD), "where the camera stands; -1000 = take the place from fix"),
     "longitude_deg": (str(NOT_TOLD), "east positive; -1000 = take the place from fix"),
@@ -27,7 +26,11 @@ ARGUMENTS = {
     "pressure_hpa": ("0.0", "air pressure at the camera; 0 = do not correct refraction"),
     "temperature_c": ("10.0", "air temperature at the camera"),
     "base_frame": ("", "what carries the camera, by /tf_static; empty = the camera itself"),
+    "centroids": ("centroids", "topic of the frames"),
+    "camera_info": ("camera_info", "topic of the camera, where use_camera_info is true"),
+    "use_camera_info": ("", "true or false; empty = as in the file"),
     "fix": ("fix", "topic of the place, a NavSatFix"),
+    "log_level": ("info", "debug, info, warn, error or fatal"),
     "ekf": ("false", "start robot_localization with config/ekf.yaml"),
 }
 NUMBERS = (
@@ -37,25 +40,20 @@ NUMBERS = (
 
 def start(context: LaunchContext) -> list[Node | LogInfo]:
     """Return the node and, where it is wanted, the filter or a line that it is missing."""
-    place = [
-        float(LaunchConfiguration(name).perform(context))
-        for name in ("latitude_deg", "longitude_deg")
-    ]
-    numbers = {
-        name: ParameterValue(LaunchConfiguration(name), value_type=float) for name in NUMBERS
-    }
-    base_frame = ParameterValue(LaunchConfiguration("base_frame"), value_type=str)
+    told = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    values: dict[str, object] = {name: number(name, told[name]) for name in NUMBERS}
+    use_fix = NOT_TOLD in (values["latitude_deg"], values["longitude_deg"])
+    values |= {"earth_frame": "enu", "base_frame": told["base_frame"], "use_fix": use_fix}
+    if told["use_camera_info"]:
+        values["use_camera_info"] = switch("use_camera_info", told["use_camera_info"])
     node = Node(
         package="star_tracker", executable="identify_node", output="screen",
-        namespace=LaunchConfiguration("namespace"),
-        parameters=[LaunchConfiguration("params_file"), {
-            **numbers, "earth_frame": "enu", "base_frame": base_frame,
-            "use_fix": NOT_TOLD in place,
-        }],
-        remappings=[("fix", LaunchConfiguration("fix"))],
+        namespace=told["namespace"],
+        parameters=[*files("params_file", told["params_file"]), values],
+        remappings=[(topic, told[topic]) for topic in ("centroids", "camera_info", "fix")],
+        ros_arguments=["--log-level", told["log_level"]],
     )
-    wanted = IfCondition(LaunchConfiguration("ekf")).evaluate(context)
-    return [node, ekf()] if wanted else [node]
+    return [node, ekf()] if switch("ekf", told["ekf"]) else [node]
 
 
 def ekf() -> Node | LogInfo:

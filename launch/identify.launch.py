@@ -5,14 +5,13 @@ with a namespace of its own. `rviz:=true` shows the identified stars in RViz 2 a
 publish them.
 """
 
-from pathlib import Path
-
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from star_tracker.nodes.launch_arguments import files, switch
 from star_tracker.resources import resource_path
 
 ARGUMENTS = {
@@ -29,26 +28,14 @@ ARGUMENTS = {
 }
 #: Arguments that are parameters of the node.
 SWITCHES = ("use_camera_info", "use_sim_time", "log_frames")
-_WORDS = {"true": True, "false": False}
 
 
-def switch(name: str, text: str) -> bool:
-    """Return what an argument says. Raises ValueError, in one line, for what is no such word."""
-    if text.lower() not in _WORDS:
-        raise ValueError(f"{name}:={text} must be true or false")
-    return _WORDS[text.lower()]
-
-
-def parameters(told: dict[str, str]) -> list[str | dict[str, bool]]:
+def parameters(told: dict[str, str]) -> list[object]:
     """Return the parameters of the node: of two that say the same, the later one holds.
 
     Raises ValueError, in one line, for a file that is not there.
     """
-    found: list[str | dict[str, bool]] = []
-    if told["params_file"]:
-        if not Path(told["params_file"]).is_file():
-            raise ValueError(f"params_file:={told['params_file']} is not there")
-        found.append(told["params_file"])
+    found = files("params_file", told["params_file"])
     found += [{name: switch(name, told[name])} for name in SWITCHES if told[name]]
     if switch("rviz", told["rviz"]):
         found.append({"publish_markers": True})

@@ -3,8 +3,6 @@
 Each frame's result is a line on the screen. The end of the replay ends the launch.
 """
 
-from pathlib import Path
-
 from launch import LaunchContext, LaunchDescription
 from launch.actions import (
     DeclareLaunchArgument,
@@ -17,8 +15,8 @@ from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 
+from star_tracker.nodes.launch_arguments import files, number, switch
 from star_tracker.resources import resource_path
 
 ARGUMENTS = {
@@ -34,23 +32,23 @@ _LAST_ANSWER_S = 1.0
 
 
 def start(context: LaunchContext) -> list[Node | RegisterEventHandler]:
-    """Return both nodes. Raises ValueError, in one line, for a file that is not there."""
+    """Return both nodes. Raises ValueError, in one line, for what cannot be used."""
     told = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    if not Path(told["params_file"]).is_file():
-        raise ValueError(f"params_file:={told['params_file']} is not there")
     replay = Node(
         package="star_tracker", executable="replay_node", output="screen",
         namespace=told["namespace"], ros_arguments=["--log-level", told["log_level"]],
         parameters=[{
-            "rate_hz": ParameterValue(told["rate_hz"], value_type=float),
-            "loop": ParameterValue(told["loop"], value_type=bool),
-            "noise_px": ParameterValue(told["noise_px"], value_type=float),
+            "rate_hz": number("rate_hz", told["rate_hz"]), "loop": switch("loop", told["loop"]),
+            "noise_px": number("noise_px", told["noise_px"]),
         }],
     )
     identify = Node(
         package="star_tracker", executable="identify_node", output="screen",
         namespace=told["namespace"], ros_arguments=["--log-level", told["log_level"]],
-        parameters=[told["params_file"], {"use_camera_info": True, "log_frames": True}],
+        parameters=[
+            *files("params_file", told["params_file"]),
+            {"use_camera_info": True, "log_frames": True},
+        ],
     )
     end = TimerAction(period=_LAST_ANSWER_S, actions=[EmitEvent(event=Shutdown())])
     return [

@@ -10,6 +10,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from star_tracker.nodes.launch_arguments import files, number, triple
 from star_tracker.resources import resource_path
 
 #: Numbers of the sky; what else sky_image_node is told comes in sky_params_file.
@@ -35,23 +36,6 @@ ARGUMENTS = {
 HANDED_ON = ("params_file", "namespace", "composed", "log_frames", "log_level")
 
 
-def triple(name: str, text: str) -> list[float]:
-    """Return three numbers. Raises ValueError, in one line, for what is none."""
-    try:
-        x, y, z = (float(word) for word in text.strip("[] ").split(","))
-    except ValueError as error:
-        raise ValueError(f"{name}:={text} must be three numbers, [x, y, z]") from error
-    return [x, y, z]
-
-
-def number(name: str, text: str) -> float:
-    """Return a number. Raises ValueError, in one line, for what is none."""
-    try:
-        return float(text)
-    except ValueError as error:
-        raise ValueError(f"{name}:={text} must be a number") from error
-
-
 def start(context: LaunchContext) -> list[Node | IncludeLaunchDescription]:
     """Return the sky and what makes attitudes of it."""
     told = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
@@ -60,7 +44,7 @@ def start(context: LaunchContext) -> list[Node | IncludeLaunchDescription]:
     sky = Node(
         package="star_tracker", executable="sky_image_node", output="screen",
         namespace=told["namespace"], ros_arguments=["--log-level", told["log_level"]],
-        parameters=[*filter(None, [told["sky_params_file"]]), values],
+        parameters=[*files("sky_params_file", told["sky_params_file"]), values],
     )
     camera = IncludeLaunchDescription(
         PythonLaunchDescriptionSource(str(resource_path("launch/camera.launch.py"))),

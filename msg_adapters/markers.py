@@ -41,7 +41,7 @@ def markers_from_solution(
         label.id = i
         label.scale.z = _LABEL_M
         label.pose.position = _point(vector)
-        label.text = star_name(catalog, int(star))
+        label.text = catalog.name(int(star))
         markers.append(label)
     outline = _marker(header, "field_of_view", Marker.LINE_STRIP, _LINE)
     outline.scale.x = _LINE_M
@@ -49,12 +49,6 @@ def markers_from_solution(
     outline.points = [_point(vector) for vector in border @ solution.attitude.rotation.T]
     markers.append(outline)
     return MarkerArray(markers=markers)
-
-
-def star_name(catalog: StarCatalog, index: int) -> str:
-    """Return the Hipparcos number where a star has one, else its number in the catalogue."""
-    hip = int(catalog.hip[index])
-    return f"HIP {hip}" if hip > 0 else f"star {int(catalog.number[index])}"
 
 
 def _marker(

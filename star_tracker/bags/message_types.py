@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-_MISSING = "bags need rosbags: pip install 'star_tracker[bags]'"
+_MISSING = "bags need rosbags: pip install rosbags"
 #: What fields of a basic type hold that are not told; all others hold 0.
 _BLANK: dict[str, object] = {"string": "", "wstring": "", "bool": False}
 #: Types of arrays that numpy calls by another name.

@@ -19,7 +19,6 @@ from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.commands.options import add_json_argument
 from star_tracker.compiled import CacheState, cache_state, mark_warm
-from star_tracker.detection.detect import detect_stars
 from star_tracker.identification.searcher import METHODS
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.solution import SolveSettings
@@ -92,6 +91,9 @@ def exercise_solver() -> str:
 
 def exercise_detector() -> None:
     """Run all compiled code of the detector once, as `exercise_solver` does the solver's."""
+    # Only here: identify_node comes for the solver, and would load what it does not need.
+    from star_tracker.detection.detect import detect_stars  # noqa: PLC0415
+
     rows, columns = np.mgrid[:64, :64]
     light = np.random.default_rng(0).normal(100.0, 5.0, (64, 64))
     # A lone star, one that is saturated, and two that share their pixels.

@@ -63,7 +63,8 @@ def execute(options: argparse.Namespace) -> None:
         from star_tracker.study import execution, plan, records, report
     except ModuleNotFoundError as error:
         raise ValueError(
-            f"evaluate needs {error.name}: pip install 'star_tracker[report]'"
+            f"evaluate needs {error.name}: apt install python3-{error.name}, or pip install "
+            "matplotlib jinja2 joblib PyYAML"
         ) from error
     study, images, notes = _prepared(options)
     for note in notes:

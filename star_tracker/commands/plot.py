@@ -77,7 +77,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> None:
     """Solve one frame and draw it. Raises ValueError for what cannot be used."""
     if find_spec("matplotlib") is None:
-        raise ValueError("pictures need matplotlib: pip install 'star_tracker[plot]'")
+        raise ValueError(
+            "pictures need matplotlib: apt install python3-matplotlib, or pip install "
+            "matplotlib"
+        )
     from star_tracker.figures import style
     from star_tracker.figures.field_plot import draw_field
     from star_tracker.figures.field_view import FieldView

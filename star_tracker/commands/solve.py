@@ -157,4 +157,7 @@ def _check(options: argparse.Namespace, bags: Sequence[Path]) -> None:
         if bags:
             raise ValueError("--annotate draws over image files: leave it out for bags")
         if find_spec("matplotlib") is None:
-            raise ValueError("pictures need matplotlib: pip install 'star_tracker[plot]'")
+            raise ValueError(
+                "pictures need matplotlib: apt install python3-matplotlib, or pip install "
+                "matplotlib"
+            )

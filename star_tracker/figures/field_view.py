@@ -111,9 +111,9 @@ class FieldView:
         return f"{solution.status.value}, {', '.join([*counts, *outside, missing])}"
 
     def guide_star_name(self, index: int) -> str:
-        """Return its number in the paper where all guide stars have one, else its HIP number."""
-        number, hip = self.catalog.number, self.catalog.hip
-        return str(number[index]) if np.all(number > 0) else f"HIP {hip[index]}"
+        """Return its number in the paper where all guide stars have one, else its own name."""
+        number = self.catalog.number
+        return str(number[index]) if np.all(number > 0) else self.catalog.name(index)
 
     def record(self) -> dict[str, object]:
         """Return what the picture shows as plain values, units in the names."""

@@ -31,11 +31,13 @@ class GridLine:
 
 
 def grid_lines(camera: Camera, rotation: Floats) -> list[GridLine]:
-    """Return the lines in the image of a camera at a rotation (3, 3), camera to ICRS."""
+    """Return the lines in the image of a camera at a rotation (3, 3), camera to ICRS.
+
+    Where the lens has no ray, as in the corners of some, there are none.
+    """
     x = np.linspace(0, camera.width_px, _SAMPLES)
     y = np.linspace(0, camera.height_px, _SAMPLES)
-    sky = camera.vectors(np.stack(np.meshgrid(x, y), axis=-1)) @ rotation.T
-    ra, dec = (np.degrees(angle).reshape(len(y), len(x)) for angle in ra_dec(sky))
+    ra, dec = _sky_deg(camera, rotation, x, y)
     middle = float(np.degrees(ra_dec(rotation[:, 2])[0]))
     around = middle + (ra - middle + 180) % 360 - 180  # continuous, but opposite of the boresight
     ra_step, dec_step = _step_deg(float(np.ptp(around))), _step_deg(float(np.ptp(dec)))
@@ -52,8 +54,24 @@ def grid_lines(camera: Camera, rotation: Floats) -> list[GridLine]:
     return [line for line in lines if line.paths]
 
 
+def _sky_deg(
+    camera: Camera, rotation: Floats, x: Floats, y: Floats
+) -> tuple[Floats, Floats]:
+    """Return right ascension and declination (len(y), len(x)) of pixels, masked without a ray."""
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    shown = camera.has_ray(points)
+    sky = np.tile(rotation[:, 2], (len(points), 1))  # something finite under the mask
+    sky[shown] = camera.vectors(points[shown]) @ rotation.T
+    shape = len(y), len(x)
+    ra, dec = (
+        np.ma.masked_array(np.degrees(angle).reshape(shape), ~shown.reshape(shape))
+        for angle in ra_dec(sky)
+    )
+    return ra, dec
+
+
 def _zeros(x: Floats, y: Floats, values: Floats) -> list[Floats]:
-    """Return the lines along which values (len(y), len(x)) are 0."""
+    """Return the lines along which values (len(y), len(x)), some of them masked, are 0."""
     return [np.asarray(line, float) for line in contour_generator(x, y, values).lines(0.0)]
 
 

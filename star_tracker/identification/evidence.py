@@ -61,8 +61,9 @@ _ZERO_POINT_RANGE, _MEANINGFUL = 3.0, 0.5
 #: No field of stars scatters more than this, magnitudes (the catalogue to V = 8: 1.0). Intensities
 #: that do mean nothing: most of them alike and one of 1e12 made wrong poses look certain.
 _WIDEST_SCATTER = 2.0
-#: Squared standardised magnitude beyond which one is not more unusual: exp() must not overflow.
-_MOST_DEVIANT = 50.0
+#: Magnitudes as near as that are alike, where a frame's are counted: a box of the same area as the
+#: normal distribution of a star's scatter.
+_ALIKE = _MAGNITUDE_SIGMA * np.sqrt(2 * np.pi) / 2
 
 
 class ScalePrior(NamedTuple):
@@ -211,6 +212,22 @@ def _of_frame(sky: Any, pose: Any, n: int, m: int) -> float:
 
 
 @compiled
+def _usual(magnitude: Floats, own: float, mean: float, variance: float, known: int) -> float:
+    """Return how usual a magnitude is among a frame's `known` ones.
+
+    Half by their normal distribution, half as they are. By the former alone a star among hundreds
+    of points that are all alike was more unusual than can be: of 40 frames with 400 such points
+    7 were solved wrongly.
+    """
+    alike = 0
+    for value in magnitude:
+        if abs(value - own) < _ALIKE:
+            alike += 1
+    normal = np.exp(-0.5 * (own - mean) ** 2 / variance) * _MAGNITUDE_SIGMA / np.sqrt(variance)
+    return float(0.5 * (normal + alike / known))
+
+
+@compiled
 def brightness(
     magnitude: Floats,
     v_mag: Floats,
@@ -249,10 +266,8 @@ def brightness(
     for i in range(k):
         off = magnitude[observed[i]] - v_mag[catalog[i]] - zero_point
         if np.isfinite(off):
-            any_star = min((magnitude[observed[i]] - mean) ** 2 / variance, _MOST_DEVIANT)
-            ratio = np.sqrt(variance) / _MAGNITUDE_SIGMA * np.exp(
-                0.5 * (any_star - (off / _MAGNITUDE_SIGMA) ** 2)
-            )
+            any_star = _usual(magnitude, magnitude[observed[i]], mean, variance, known)
+            ratio = np.exp(-0.5 * (off / _MAGNITUDE_SIGMA) ** 2) / any_star
             total += np.log((1 - _MAGNITUDE_OUTLIERS) * ratio + _MAGNITUDE_OUTLIERS)
     # log(share e^total + 1 - share) without overflow.
     high = max(total, 0.0)

@@ -9,7 +9,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 
@@ -25,6 +24,7 @@ from star_tracker.nodes.centroid.parameters import (
 )
 from star_tracker.nodes.centroid.worker import Worker
 from star_tracker.nodes.declaring import (
+    DeclaringNode,
     Parameter,
     ParameterError,
     declare,
@@ -47,7 +47,7 @@ _KINDS = {"raw": Image, "compressed": CompressedImage}
 _QUEUE_DEPTH = 10
 
 
-class CentroidNode(Node):
+class CentroidNode(DeclaringNode):
     """Publishes the stars of each image of `image` as `centroids`, under the image's own header.
 
     Images are looked at in a thread. One that comes meanwhile waits, and is dropped for a newer

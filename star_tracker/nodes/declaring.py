@@ -17,7 +17,12 @@ from difflib import get_close_matches
 from typing import Any, TypeVar
 
 import yaml
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.node import Node
 
 _Values = TypeVar("_Values")
@@ -220,3 +225,16 @@ def no_such_parameter(node: Node, name: str) -> str:
     longer = [other for other in known if other.startswith(f"{name}_")]
     similar = longer or get_close_matches(name, known, n=1)
     return f"there is no parameter {name}" + (f": {similar[0]}?" if similar else "")
+
+
+class DeclaringNode(Node):
+    """A node that names parameters that do not exist, where rclpy only refuses them."""
+
+    def set_parameters_atomically(self, parameter_list: list[Any]) -> SetParametersResult:
+        """Set all parameters or none."""
+        unknown = [p.name for p in parameter_list if not self.has_parameter(p.name)]
+        if unknown:
+            return SetParametersResult(
+                successful=False, reason="; ".join(no_such_parameter(self, n) for n in unknown)
+            )
+        return super().set_parameters_atomically(parameter_list)

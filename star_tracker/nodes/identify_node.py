@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -22,10 +20,10 @@ from star_tracker.calibration.camera_file import write_camera
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.identification.labels import Identification
 from star_tracker.nodes.declaring import (
+    DeclaringNode,
     Parameter,
     ParameterError,
     declare,
-    no_such_parameter,
     unknown_parameters,
 )
 from star_tracker.nodes.identify.camera_report import camera_report
@@ -47,7 +45,7 @@ from star_tracker.resources import package_version
 from star_tracker.solution import Solution, Status
 
 
-class IdentifyNode(Node):
+class IdentifyNode(DeclaringNode):
     """Identifies each frame of `centroids` and publishes what it found under the frame's stamp.
 
     It stands in the graph at once; a thread compiles or loads the solver, and frames wait for it.
@@ -123,15 +121,6 @@ class IdentifyNode(Node):
             if self._setup.parameters.camera_file and self.ready:
                 self._save_camera()
         super().destroy_node()
-
-    def set_parameters_atomically(self, parameter_list: list[Any]) -> SetParametersResult:
-        """Set all parameters or none; unlike rclpy's own, name those that do not exist."""
-        unknown = [p.name for p in parameter_list if not self.has_parameter(p.name)]
-        if unknown:
-            return SetParametersResult(
-                successful=False, reason="; ".join(no_such_parameter(self, n) for n in unknown)
-            )
-        return super().set_parameters_atomically(parameter_list)
 
     def _apply(self, setup: SolverSetup, database: FeatureDatabase) -> None:
         """Work with this setup from now on. Raises ValueError and keeps the one before."""

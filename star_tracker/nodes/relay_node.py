@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
 from msg_adapters.centroids import (
@@ -17,6 +16,7 @@ from msg_adapters.centroids import (
 )
 from msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.nodes.declaring import (
+    DeclaringNode,
     ParameterError,
     declare,
     parameter,
@@ -51,7 +51,7 @@ class RelayParameters:
 RELAY_PARAMETERS = parameters_of(RelayParameters)
 
 
-class RelayNode(Node):
+class RelayNode(DeclaringNode):
     """Publishes the centroids of each message of `detections` under the message's own header.
 
     Raises ParameterError for a configuration that cannot be used.

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, PointCloud2
@@ -18,7 +17,7 @@ from std_msgs.msg import Header
 from msg_adapters.camera_info import info_from_camera
 from msg_adapters.point_cloud import Centroids, cloud_from_centroids
 from star_tracker.maps.star_map import StarMap, paper_maps
-from star_tracker.nodes.declaring import ParameterError, declare, unknown_parameters
+from star_tracker.nodes.declaring import DeclaringNode, ParameterError, declare, unknown_parameters
 from star_tracker.nodes.listening import PUBLISHED, overrides_checked
 from star_tracker.nodes.parameters import ReplayParameters
 from star_tracker.nodes.running import run
@@ -30,7 +29,7 @@ _LOOK_FOR_SUBSCRIBER_S = 0.05
 _CAMERA_INFO_GRACE_S = 3.0
 
 
-class ReplayNode(Node):
+class ReplayNode(DeclaringNode):
     """Publishes each map once, at a fixed rate, from when a subscriber is there.
 
     Reliable and deep enough for all maps, so that none is lost. Raises ParameterError for a

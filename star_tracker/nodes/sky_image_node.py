@@ -10,7 +10,6 @@ import numpy as np
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image
@@ -24,7 +23,7 @@ from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.render import render
 from star_tracker.geometry.spherical import Floats
-from star_tracker.nodes.declaring import ParameterError, declare, unknown_parameters
+from star_tracker.nodes.declaring import DeclaringNode, ParameterError, declare, unknown_parameters
 from star_tracker.nodes.listening import PUBLISHED, overrides_checked
 from star_tracker.nodes.running import run
 from star_tracker.nodes.sky_parameters import SkyImageParameters
@@ -38,7 +37,7 @@ _ACKNOWLEDGE_S = 10.0
 _DEPTH = 5
 
 
-class SkyImageNode(Node):
+class SkyImageNode(DeclaringNode):
     """Publishes rendered images at a fixed rate, from when a subscriber is there.
 
     The sky stands where the image's stamp says. `truth/attitude` and `camera_info` have the same

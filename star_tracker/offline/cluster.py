@@ -17,7 +17,8 @@ def connected(address: str) -> "Client":
         from distributed import Client  # noqa: PLC0415  only for this
     except ModuleNotFoundError as error:
         raise ValueError(
-            f"--scheduler needs {error.name}: pip install 'star_tracker[dask]'"
+            f"--scheduler needs {error.name}: apt install python3-distributed, or pip install "
+            "distributed"
         ) from error
     try:
         _knock(address)

@@ -114,7 +114,7 @@ def _why_missing(package: str) -> str:
     try:
         importlib.import_module(package)
     except ImportError as error:
-        return f"{package} is left out: {error}; pip install 'star_tracker[benchmark]'"
+        return f"{package} is left out: {error}; pip install {package} typing-extensions"
     return ""
 
 

@@ -238,14 +238,14 @@ def test_what_cannot_be_done_is_refused_in_one_line(options, text, capsys):
     assert err.count("\n") == 1
 
 
-def test_a_bag_without_rosbags_is_named_with_the_extra(tmp_path, monkeypatch, capsys):
+def test_a_bag_without_rosbags_is_named_with_the_remedy(tmp_path, monkeypatch, capsys):
     import sys
 
     monkeypatch.setitem(sys.modules, "rosbags", None)
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     code, lines, err = run(capsys, "7", tmp_path / "bag.mcap")
     assert (code, err) == (1, "")
-    assert lines[1] == "UNUSABLE  bags need rosbags: pip install 'star_tracker[bags]'"
+    assert lines[1] == "UNUSABLE  bags need rosbags: pip install rosbags"
 
 
 # In parallel

@@ -1,6 +1,7 @@
 """`star_tracker plot` and the pictures: what is drawn, that it can be read, what is refused."""
 
 import json
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from matplotlib.image import imread
 from matplotlib.text import Text
 from processes import completed
 
+from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.pairs import PairTable
@@ -23,11 +25,13 @@ from star_tracker.figures.sky_grid import grid_lines
 from star_tracker.figures.sky_map import Survey, draw_sky_map
 from star_tracker.figures.style import house_style, text_box
 from star_tracker.geometry.spherical import ra_dec, unit_vectors
+from star_tracker.identification.labels import Identification, StarState
 from star_tracker.maps.frame_file import read_frame
-from star_tracker.maps.simulation import synthetic_field, uniform_noise
+from star_tracker.maps.simulation import synthetic_field, uniform_noise, visible_stars
 from star_tracker.maps.star_map import Pose, paper_maps
 from star_tracker.optics.camera import Camera
-from star_tracker.solution import SolveSettings
+from star_tracker.optics.distortion import Distortion
+from star_tracker.solution import Solution, SolveSettings, Status
 from star_tracker.tracker import StarTracker
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -324,7 +328,8 @@ def test_without_matplotlib_the_extra_is_named():
     result = completed("-c", script)
     assert result.returncode == 2
     assert result.stderr == (
-        "star_tracker plot: pictures need matplotlib: pip install 'star_tracker[plot]'\n"
+        "star_tracker plot: pictures need matplotlib: apt install python3-matplotlib, or pip "
+        "install matplotlib\n"
     )
 
 
@@ -363,6 +368,49 @@ def test_grid_lines_lie_where_the_sky_has_them():
             np.testing.assert_allclose((ra - value + 180) % 360 - 180, 0, atol=1e-3)
         else:
             np.testing.assert_allclose(dec, value, atol=1e-3)
+
+
+def test_a_lens_without_rays_in_its_corners_has_a_grid_up_to_there():
+    lens = Distortion("plumb_bob", (-0.405, 0.267, 0.0, 0.0, -0.130))
+    camera = Camera(752, 480, 469.0, 469.0, 376.0, 240.0, distortion=lens)
+    corner = np.array([[0.0, 0.0]])
+    assert not camera.has_ray(corner).any()
+    rotation = Pose(83.0, 0.0, 10.0).rotation
+    lines = grid_lines(camera, rotation)
+    assert {line.is_ra for line in lines} == {True, False}
+    for line in lines:
+        assert all(np.isfinite(path).all() for path in line.paths)
+        # A line ends at the image's border, or a step of the grid before the lens has no ray.
+        assert camera.has_ray(np.concatenate(line.paths)).all()
+
+
+def test_a_field_of_a_lens_without_rays_in_its_corners_is_drawn(database):
+    lens = Distortion("plumb_bob", (-0.405, 0.267, 0.0, 0.0, -0.130))
+    camera = Camera(752, 480, 469.0, 469.0, 376.0, 240.0, distortion=lens)
+    rotation = Pose(83.0, 0.0, 10.0).rotation
+    index, xy_px = visible_stars(database.catalog, camera, rotation)
+    found = replace(
+        Identification.empty(len(index)), catalog_index=index,
+        state=np.full(len(index), StarState.IDENTIFIED, np.uint8),
+    )
+    attitude = Attitude.from_rotation(rotation, np.eye(3))
+    solution = Solution(Status.SOLVED, "", found, attitude, parity="normal")
+    labels = tuple(map(str, range(len(index))))
+    seen = FieldView("barrel", camera, labels, xy_px, solution, database.catalog)
+    with house_style():
+        assert "barrel" in texts_of(draw_field(seen))
+
+
+def test_a_guide_star_has_the_name_that_its_catalogue_gives_it():
+    sky = StarCatalog(
+        np.eye(3)[:2], np.full(2, 4.0), np.array([32349, 0]), np.zeros(2, int),
+        gaia_source=np.array([0, 3328999114372334208]),
+    )
+    unsolved = Solution(Status.NO_MATCH, "", Identification.empty(0))
+    seen = FieldView("", PORTRAIT, (), np.empty((0, 2)), unsolved, sky)
+    assert [seen.guide_star_name(i) for i in range(2)] == [
+        "HIP 32349", "Gaia DR3 3328999114372334208"
+    ]
 
 
 @pytest.mark.parametrize("dec_deg", [89.0, -90.0])

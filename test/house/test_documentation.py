@@ -53,3 +53,15 @@ def test_each_dependency_has_its_line():
         if keyword.arg in ("install_requires", "extras_require"):
             wanted = re.findall(r"'([A-Za-z][\w-]*)", ast.unparse(keyword.value))
             assert set(wanted) <= named
+
+
+def test_each_dependency_has_its_names_for_apt_and_rosdep():
+    page = (DOCS / "dependencies.md").read_text()
+    tables, names = page.split("## Names for apt and rosdep")
+    libraries = re.findall(r"^\| (?:`[\w-]+` \| )?((?:`[\w-]+`,? ?)+) \|", tables, re.MULTILINE)
+    wanted = {name for cell in libraries for name in re.findall(r"`([\w-]+)`", cell)}
+    rows = re.findall(r"^\| `([\w-]+)` \| (\S+).* \| \S+ \|$", names, re.MULTILINE)
+    assert {name for name, _ in rows} == wanted
+    keys = {key for _, key in rows}
+    package = (ROOT / "package.xml").read_text(encoding="utf-8")
+    assert set(re.findall(r"_depend>(python3-\S+)<", package)) <= keys

@@ -193,6 +193,15 @@ def test_only_the_nodes_import_ros_and_only_bags_the_adapters():
         assert not wrong, f"{named(source)} imports {', '.join(sorted(wrong))}"
 
 
+def test_each_package_of_ros_that_is_imported_is_a_dependency():
+    """relay_node looks for vision_msgs when it is told to, and says so where it is missing."""
+    sources = [*PACKAGE.rglob("*.py"), *ADAPTERS.glob("*.py"), *CHECKOUT.glob("launch/*.py")]
+    wanted = {top for source in sources for top in tops(imports(source)) if is_ros(top)}
+    package = (CHECKOUT / "package.xml").read_text(encoding="utf-8")
+    told = set(re.findall(r"<exec_depend>(\w+)<", package))
+    assert wanted - told <= {"msg_adapters", "vision_msgs"}
+
+
 def test_what_watch_makes_of_plain_values_needs_no_ros():
     for name in ("state", "outputs", "record", "view"):
         source = PACKAGE / "nodes" / "watch" / f"{name}.py"

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from solutions import intensity_of, record
 
+from star_tracker.identification.evidence import brightness
 from star_tracker.solution import Status
 
 
@@ -102,3 +103,22 @@ def test_one_number_is_no_intensity_of_one_centroid(tracker):
     text = "intensities have shape (): give one for each of 1 centroids"
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         tracker.solve([(100.0, 100.0)], 7.0)
+
+
+@pytest.mark.parametrize("others", [1e-3, 1e3], ids=["fainter", "brighter"])
+def test_among_points_that_are_all_alike_nothing_else_is_beyond_belief(others):
+    """At best a match is as rare as one in all, and half of that: any pose has some such match."""
+    v_mag = np.array([2.0, 3.0, 4.0, 5.0])
+    magnitude = np.concatenate([v_mag - 14.0, np.full(400, -2.5 * math.log10(others) - 12.0)])
+    four = np.arange(4)
+    evidence = brightness(magnitude, v_mag, four, four, 4)
+    assert 0 < evidence < 4 * math.log10(2 * len(magnitude))
+
+
+@pytest.mark.parametrize("others", [1.0, 1e7], ids=["fainter", "brighter"])
+def test_few_points_among_many_that_are_all_alike_make_no_pose_of_noise_certain(tracker, others):
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        xy_px = rng.uniform(0, 512, (420, 2))
+        flux = np.concatenate([10 ** rng.uniform(2, 4, 20), np.full(400, others)])
+        assert tracker.solve(xy_px, flux).status is not Status.SOLVED

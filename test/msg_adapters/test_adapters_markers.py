@@ -1,15 +1,19 @@
 """A solution -> markers on the unit sphere."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from msg_adapters.markers import markers_from_solution, star_name
+from msg_adapters.markers import markers_from_solution
+from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.labels import Identification
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings, Status
 from star_tracker.tracker import StarTracker
 
@@ -74,8 +78,19 @@ def test_an_unsolved_frame_only_removes(catalog):
     assert marker.action == Marker.DELETEALL
 
 
-def test_a_star_without_hipparcos_number_has_its_own():
+def test_each_star_is_called_what_the_catalogue_calls_it():
     sky = StarCatalog(
-        np.eye(3)[:2], np.full(2, 4.0), np.array([32349, 0]), np.array([1, 77])
+        np.eye(3), np.full(3, 4.0), np.array([32349, 0, 0]), np.array([1, 77, 0]),
+        gaia_source=np.array([0, 0, 3328999114372334208]),
     )
-    assert [star_name(sky, i) for i in range(2)] == ["HIP 32349", "star 77"]
+    found = replace(
+        Identification.empty(3), catalog_index=np.arange(3), state=np.full(3, 1, np.uint8)
+    )
+    solution = Solution(
+        Status.SOLVED, "", found, Attitude.from_rotation(np.eye(3), np.eye(3)), parity="normal"
+    )
+    camera = Camera.from_fov(12, 512, 512)
+    labels = only(markers_from_solution(solution, camera, sky, HEADER).markers, "labels")
+    assert [label.text for label in labels] == [
+        "HIP 32349", "star 77", "Gaia DR3 3328999114372334208"
+    ]

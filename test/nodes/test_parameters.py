@@ -6,8 +6,10 @@ from itertools import pairwise
 import pytest
 import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange
+from rclpy.parameter import Parameter as RosParameter
 from ros_helpers import PAPER_CAMERA, open_bench
 
+from star_tracker.nodes.centroid_node import CentroidNode
 from star_tracker.nodes.declaring import Parameter, ParameterError, unheard_files
 from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.identify_node import IdentifyNode
@@ -17,6 +19,7 @@ from star_tracker.nodes.parameters import (
     IdentifyParameters,
 )
 from star_tracker.nodes.replay_node import ReplayNode
+from star_tracker.nodes.sky_image_node import SkyImageNode
 from star_tracker.resources import resource_path
 from star_tracker.solution import SolveSettings
 
@@ -193,6 +196,17 @@ def test_what_is_given_a_value_but_no_parameter_is_named_at_the_start(capfd):
         "there is no parameter rate: rate_hz?", "there is no parameter noise_pix: noise_px?",
         "there is no parameter whatever",
     }
+
+
+@pytest.mark.parametrize(("make", "wrong", "meant"), [
+    (IdentifyNode, "fov", "fov_deg"), (ReplayNode, "rate", "rate_hz"),
+    (CentroidNode, "threshold", "threshold_sigma"), (SkyImageNode, "fov", "fov_deg"),
+])
+def test_a_change_of_a_parameter_that_does_not_exist_is_refused_by_name(make, wrong, meant):
+    with open_bench() as bench:
+        result = bench.start(make).set_parameters_atomically([RosParameter(wrong, value=1)])
+    assert not result.successful
+    assert result.reason == f"there is no parameter {wrong}: {meant}?"
 
 
 def test_parameters_of_every_node_are_not_named_at_the_start(capfd):

@@ -190,6 +190,14 @@ def test_the_brightest_stars_come_first():
         assert [line.split()[1] for line in stars] == names
 
 
+def test_a_star_without_a_number_is_named_by_its_place_alone():
+    stars = STARS[-1:].copy()
+    stars["star_number"] = 0
+    watched = Watched("/left")
+    hear(watched, 10.0, stars=stars)
+    assert lines_of(watched, 10.1)[-1].split()[:2] == ["-", "300.00"]
+
+
 def test_an_unsolved_frame_shows_reason_hint_and_the_attitude_before():
     watched = watched_at(10.0)
     watched.trouble = "imu: the orientation is no rotation"
@@ -233,7 +241,7 @@ def test_record_of_a_solved_frame_has_numbers_with_units():
     assert (record["stars"][0]["magnitude"], record["health"]["latency_p95_ms"]) == (5.04, 1.25)
     assert (record["health"]["latency_max_ms"], record["health"]["level"]) == (None, "OK")
     assert record["health"]["configuration"] == "123456789012"
-    assert record["focal_length"]["level"] == "WARN"
+    assert record["camera"]["level"] == "WARN"
 
 
 def test_record_without_attitude_stars_or_frame_has_null_or_nothing():

@@ -118,12 +118,14 @@ class SolverSetup:
 
     def check(self) -> None:
         """Raise ValueError, within a second, for what could not be built in many of them."""
-        if self.camera is None:
+        p = self.parameters
+        camera = _TYPICAL if p.use_camera_info else self.camera
+        if camera is None:  # one of any field of view: its guide stars have no pairs to speak of
+            middle = self.steps[len(self.steps) // 2]
+            self.depth.stars_for(middle.camera, p.catalog, p.epoch)
             return
-        catalog = self.depth.stars_for(
-            self.camera, self.parameters.catalog, self.parameters.epoch
-        )
-        FeatureDatabase.check(catalog, max_separation_deg=self.parameters.max_separation_deg)
+        catalog = self.depth.stars_for(camera, p.catalog, p.epoch)
+        FeatureDatabase.check(catalog, max_separation_deg=p.max_separation_deg)
         if self.settings.method == METHODS[1]:
             FeatureDatabase.check_patterns(catalog)
 

@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from star_tracker.attitude.attitude import Attitude
+from star_tracker.catalogue.catalog import star_name
 from star_tracker.geometry.spherical import ARCSEC_PER_RAD
 from star_tracker.identification.labels import StarState
 from star_tracker.nodes.watch.state import Frame, Report, Watched
@@ -119,9 +120,15 @@ def _stars(frame: Frame | None, n_stars: int) -> Iterator[RenderableType]:
     stars = frame.stars[frame.stars["state"] != StarState.UNIDENTIFIED]
     for star in stars[np.argsort(stars["magnitude"], kind="stable")][:n_stars]:
         table.add_row(
-            f"HIP {star['hip']}" if star["hip"] else f"star {star['star_number']}",
+            _name(star),
             f"{star['x']:.2f}", f"{star['y']:.2f}", f"{star['ra_deg']:.4f}",
             f"{star['dec_deg']:+.4f}", f"{star['magnitude']:.2f}", f"{star['residual_px']:.3f}",
             StarState(star["state"]).name.lower(),
         )
     yield table
+
+
+def _name(star: np.void) -> str:
+    """Return what a star is called; `-` for one of Gaia's: no field of a cloud holds 64 bits."""
+    hip, number = int(star["hip"]), int(star["star_number"])
+    return star_name(hip, number) if hip or number else "-"
