@@ -128,9 +128,10 @@ def trackers(database):
 @pytest.fixture(scope="session")
 def solver_compiled(trackers):
     """Compile the solver, or load it: the processes that a test starts find it in its cache."""
-    from star_tracker.commands.compile import exercise_solver
+    from star_tracker.commands.compile import exercise_detector, exercise_solver
     from star_tracker.compiled import mark_warm
 
     exercise_solver()
+    exercise_detector()
     mark_warm()
     return trackers

@@ -50,12 +50,12 @@ def test_the_attitude_rotates_camera_vectors_onto_their_stars(tracker, database,
 def test_the_covariance_is_that_of_the_noise_seen_in_the_frame(tracker, frame):
     """Three of the 2 k coordinates went into the rotation, so 2 k - 3 residuals are free.
 
-    What is known of the noise beforehand counts as one more residual of 0.7 px.
+    Few of them may be small by chance: the bound of F takes that of chi-square's place.
     """
     solution = tracker.solve(frame.xy_px)
     stars = CAMERA.vectors(frame.xy_px)[solution.identification.identified]
     k = len(stars)
-    variance_px2 = (k * solution.rms_px**2 + 0.7**2) / (2 * k - 3 + 1)
+    variance_px2 = k * solution.rms_px**2 / (2 * k - 3)
     variance_px2 *= 3 * f.ppf(0.99, 3, 2 * k - 3) / chi2.ppf(0.99, 3)
     assert solution.centroid_sigma_px == pytest.approx(np.sqrt(variance_px2), rel=1e-9)
     expected = covariance(stars, solution.centroid_sigma_px / CAMERA.focal_length_px)

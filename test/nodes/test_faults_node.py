@@ -163,10 +163,10 @@ def test_frame_of_impossible_values_only(trial, value):
 
 
 def test_more_centroids_than_allowed(trial):
-    before = trial.rejected["bad_centroids"]
+    before = trial.rejected["surplus_centroids"]
     xy = np.random.default_rng(1).uniform(0, 512, (5_000, 2))
-    assert trial.fault(frame_of(xy)).status == "BAD_INPUT"
-    assert trial.rejected["bad_centroids"] == before + 1
+    assert trial.fault(frame_of(xy)).status in {"TIMEOUT", "NO_MATCH"}
+    assert trial.rejected["surplus_centroids"] == before + 4_000
 
 
 ALONG = np.linspace(5.0, 500.0, 30)[:, None]

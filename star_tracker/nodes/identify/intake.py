@@ -75,6 +75,7 @@ class Intake:
         self._drops = DropCounter()
         self._n_overtaken = 0
         self._open = False
+        self._last_chance: IncomingFrame | None = None
         p = setup().parameters
         self._depth, self._use_info = p.queue_depth, p.use_camera_info
         # Steady, as the ROS time may stand still; it runs only while a frame waits.
@@ -152,7 +153,10 @@ class Intake:
             if camera is None:
                 patience_s = self._setup().parameters.camera_info_wait_ms / 1e3
                 left_s = frame.taken_s + patience_s - time.monotonic()
-                if left_s > 0:
+                if left_s > 0 or self._last_chance is not frame:
+                    # Timers go before subscriptions: what came meanwhile, while the process had
+                    # no processor perhaps, is read before a frame gives up.
+                    self._last_chance = frame if left_s <= 0 else None
                     self._look_again_in(left_s)
                     return
                 camera = self._best(frame)
