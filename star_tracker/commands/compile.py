@@ -74,11 +74,12 @@ def exercise_solver() -> str:
     What is not run here would be compiled, or loaded, while a frame waits. Returns what was wrong
     with the cache of the features that it used, empty for nothing.
     """
-    (star_map,) = paper_maps((1,))
+    star_map, doubtful = paper_maps((1, 3))
     database, camera = FeatureDatabase.cached(StarCatalog.paper()), star_map.camera
     tracker = StarTracker(database, camera)
     found = tracker.solve(star_map.xy_px)
     tracker.solve(star_map.xy_px, predicted=found)
+    tracker.solve(doubtful.xy_px)  # it has to hold out against rivals and the mirror image
     for method in METHODS:
         StarTracker(database, camera, SolveSettings(method=method)).solve(star_map.xy_px)
     camera.pixels(camera.vectors(star_map.xy_px))
