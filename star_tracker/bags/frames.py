@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from msg_adapters import MessageError
+from msg_adapters.detected_stars import PIXEL_ORIGINS
 from msg_adapters.image import Picture, picture_from_compressed, picture_from_image
 from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.bags.reading import BagFrame, DamagedBagError
@@ -18,9 +19,6 @@ from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.detect import detect_stars
 from star_tracker.offline.frame_file import FileFrame
 from star_tracker.offline.spreading import Spread
-
-#: The detector counts pixels from the outer corner of the first one, CameraInfo from its middle.
-_CENTER_PX = 0.5
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ def _detected(reading: Reading, frame: BagFrame) -> FileFrame:
     height, width = picture.pixels.shape[:2]
     return FileFrame(
         reading.path, (int(width), int(height)),
-        stars.xy_px - (_CENTER_PX if reading.from_center else 0.0), intensity,
+        stars.xy_px - (PIXEL_ORIGINS["center"] if reading.from_center else 0.0), intensity,
         (time.thread_time_ns() - started_ns) / 1e6,
     )
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from msg_adapters.camera_info import info_from_camera
 from msg_adapters.centroids import Centroids
+from msg_adapters.detected_stars import PIXEL_ORIGINS
 from msg_adapters.image import Picture, image_from_picture
 from msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.bags.writing import BagWriter
@@ -15,9 +16,8 @@ from star_tracker.maps.star_map import StarMap
 
 #: Stamp of the first frame: 2000-01-01, 00:00 UTC.
 START_NS = 946_684_800_000_000_000
+_CENTER_PX = PIXEL_ORIGINS["center"]
 _INFO, _CENTROIDS, _IMAGE = "/camera_info", "/centroids", "/image"
-#: CameraInfo counts pixels from the middle of the first one, the renderer from its outer corner.
-_CENTER_PX = 0.5
 
 
 @dataclass(frozen=True)

@@ -120,8 +120,7 @@ class BagSolver:
         return solution
 
     def _new_tracker(self, frame: FileFrame, camera: Camera | None) -> LearningTracker:
-        """Return a tracker of both methods, as the node's, where the catalogue allows it."""
-        both = replace(self._asked, settings=replace(self._asked.settings, method="auto"))
-        if camera is None or not both.database_for(camera).patterns_available:
-            both = replace(both, settings=replace(both.settings, method=METHODS[0]))
-        return both.tracker(frame.size_px, camera)
+        """Return a tracker of both methods, as the node's, where the camera is known."""
+        method = METHODS[0] if camera is None else "auto"
+        asked = replace(self._asked, settings=replace(self._asked.settings, method=method))
+        return asked.tracker(frame.size_px, camera)

@@ -1,6 +1,8 @@
 """The connection to an existing Dask cluster."""
 
 import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
@@ -27,6 +29,22 @@ def connected(address: str) -> "Client":
         raise ValueError(
             f"no Dask scheduler answers at {address}: start `dask scheduler` there and "
             f"`dask worker {address}`, or check the address ({error})"
+        ) from error
+
+
+@contextmanager
+def failing_in_words(address: str, afterwards: str = "") -> Iterator[None]:
+    """Raise ValueError for what a connected cluster fails with; `afterwards` ends the sentence."""
+    import distributed  # noqa: PLC0415  it is there
+
+    try:
+        yield
+    except (
+        ImportError, OSError, distributed.KilledWorker, distributed.client.FutureCancelledError,
+    ) as error:
+        raise ValueError(
+            f"the Dask cluster at {address} failed: {error}; see that star_tracker is installed "
+            f"on each worker and start again{afterwards}"
         ) from error
 
 

@@ -7,7 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from star_tracker.offline.cluster import connected
+from star_tracker.offline.cluster import connected, failing_in_words
 from star_tracker.resources import sources_digest
 
 _Item = TypeVar("_Item")
@@ -59,8 +59,6 @@ def _on_cluster(
     address: str, work: Callable[[_Item], _Made], items: Iterable[_Item]
 ) -> Iterator[_Made]:
     client = connected(address)
-    import distributed  # noqa: PLC0415  it is there
-
     digest = sources_digest(*_SOURCES)
     with client:
 
@@ -72,16 +70,8 @@ def _on_cluster(
 
         workers = client.scheduler_info(n_workers=-1)["workers"].values()
         ahead = _AHEAD * max(1, sum(worker["nthreads"] for worker in workers))
-        try:
+        with failing_in_words(address):
             yield from _in_order(submit, items, ahead)
-        except (
-            ImportError, OSError, distributed.KilledWorker,
-            distributed.client.FutureCancelledError,
-        ) as error:
-            raise ValueError(
-                f"the Dask cluster at {address} failed: {error}; see that star_tracker is "
-                "installed on each worker and start again"
-            ) from error
 
 
 def _checked(work: Callable[[_Item], _Made], item: _Item, digest: str) -> _Made:

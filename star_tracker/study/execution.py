@@ -8,7 +8,7 @@ from threading import current_thread, main_thread
 
 import joblib
 
-from star_tracker.offline.cluster import connected
+from star_tracker.offline.cluster import connected, failing_in_words
 from star_tracker.study.chunks import Chunk, Outcomes, key, measuring_sources, run
 from star_tracker.study.store import Store
 
@@ -80,18 +80,11 @@ def on_cluster(address: str) -> Execute:
                 for place, chunk in enumerate(chunks)
             }
             try:
-                for future, result in distributed.as_completed(
-                    futures, loop=client.loop, with_results=True
-                ):
-                    yield futures[future], result
-            except (
-                ImportError, OSError, distributed.KilledWorker,
-                distributed.client.FutureCancelledError,
-            ) as error:
-                raise ValueError(
-                    f"the Dask cluster at {address} failed: {error}; see that star_tracker is "
-                    "installed on each worker and start again: what is done is kept"
-                ) from error
+                with failing_in_words(address, ": what is done is kept"):
+                    for future, result in distributed.as_completed(
+                        futures, loop=client.loop, with_results=True
+                    ):
+                        yield futures[future], result
             finally:
                 client.cancel(list(futures))
 
