@@ -132,9 +132,13 @@ def _unsolved(task: Task, status: Status, reason: str, verdict: Verdict) -> Solu
 def solved(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
     """Return the solution of a labelled frame."""
     labels, results = task.all_labels, searcher.results
-    n_usable, ra, dec, roll, rms_px, scale, variance_px2, scale_variance = results.outcome.item()
-    exact = searcher.scale_is_told and searcher.camera.tolerance_percent == 0
-    if exact and scale != 1.0 and rms_px > _CONTRADICTED_PX:
+    (
+        n_usable, ra, dec, roll, rms_px, scale, variance_px2, scale_variance, wrong_probability,
+        score,
+    ) = results.outcome.item()
+    camera = searcher.camera
+    fitted = scale != 1.0 and rms_px > _CONTRADICTED_PX
+    if fitted and searcher.scale_is_told and camera.tolerance_percent == 0:
         return _unsolved(
             task, Status.NO_MATCH, _contradiction(searcher, scale),
             Verdict(Ended.EXHAUSTED, searcher, n_hypotheses),
@@ -149,11 +153,11 @@ def solved(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
             Attitude, quaternion_xyzw=results.quaternion.copy(),
             covariance_rad2=results.covariance.copy(), ra_rad=ra, dec_rad=dec, roll_rad=roll,
         ),
-        method=searcher.method, parity=searcher.camera.parity,
-        wrong_probability=searcher.wrong_probability, log10_false_alarms=-searcher.score,
+        method=searcher.method, parity=camera.parity,
+        wrong_probability=wrong_probability, log10_false_alarms=-score,
         rms_px=rms_px, n_hypotheses=n_hypotheses, n_ignored=task.n_ignored(n_usable),
         n_surplus=task.n_surplus, solve_ms=task.elapsed_ms, mode=searcher.mode,
-        told_camera=searcher.camera, scale=scale,
+        told_camera=camera, scale=scale,
         focal_length_error=scale_variance**0.5, centroid_sigma_px=variance_px2**0.5,
         catalog=searcher.catalog,
     )

@@ -15,15 +15,18 @@ from star_tracker.attitude.wahba import refine
 from star_tracker.catalogue.sky_index import SkyIndex, stars_near
 from star_tracker.compiled import compiled, inlined, struct
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.evidence import Evidence, ScalePrior, brightness, strongest
+from star_tracker.identification.brightness import brightness
+from star_tracker.identification.evidence import Evidence, ScalePrior, strongest
 from star_tracker.optics.camera import outside_px
-from star_tracker.optics.frame import see_at_scale
+from star_tracker.optics.frame import first_right_of, see_at_scale
 
 #: Rounds of projecting, associating and fitting, and more of them where the scale is fitted too.
 _ROUNDS, _MORE_ROUNDS = 5, 2
 #: A pose of a fitted scale with less evidence at first sight is not improved: there are many of
 #: them, and a true one hardly ever begins so low (false ones stand at -6 to -10).
 _HOPELESS = -4.0
+#: Decades of evidence that rounding can take.
+_ROUNDING = 1e-9
 #: The gate, in tolerances of the candidate, within which a star may be associated.
 GATE_TOLERANCES = 2.0
 #: The camera sees nothing at 90 deg from its boresight.
@@ -105,7 +108,7 @@ def associate(
     of matches, sorted by residual, and of guide stars in the image.
     """
     project(sky, pose, n_near, matches)
-    n, n_inside, plane_px, place = frame.n, 0, frame.plane_px, matches.place
+    n, n_inside, place = frame.n, 0, matches.place
     guide_star, star_guide = matches.guide_star, matches.star_guide
     star_residual2 = matches.star_residual2
     for star in range(n):
@@ -117,7 +120,7 @@ def associate(
         if outside > gate_px:
             continue
         n_inside += outside <= 0.0
-        star, residual2 = _nearest(plane_px, n, place[g, 0], place[g, 1], gate_px)
+        star, residual2 = _nearest(frame, place[g, 0], place[g, 1], gate_px)
         guide_star[g] = star
         if star >= 0 and residual2 <= star_residual2[star]:
             star_residual2[star] = residual2
@@ -142,15 +145,9 @@ def project(sky: Any, pose: Any, n_near: int, matches: Any) -> None:
 
 
 @inlined
-def _nearest(plane_px: Floats, n: int, x: float, y: float, gate_px: float) -> tuple[int, float]:
-    """Return which of `n` centroids is nearest to a place within a gate, -1 for none."""
-    at, high = 0, n
-    while at < high:
-        middle = (at + high) >> 1
-        if plane_px[middle, 0] < x - gate_px:
-            at = middle + 1
-        else:
-            high = middle
+def _nearest(frame: Any, x: float, y: float, gate_px: float) -> tuple[int, float]:
+    """Return which centroid is nearest to a place within a gate, -1 for none."""
+    n, plane_px, at = frame.n, frame.plane_px, first_right_of(frame, x - gate_px)
     nearest, best = -1, gate_px * gate_px
     while at < n and plane_px[at, 0] <= x + gate_px:
         dx, dy = plane_px[at, 0] - x, plane_px[at, 1] - y
@@ -204,15 +201,19 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
             break
         k, score = strongest(sky, frame, trial, matches, (n_matched, n_inside))
         if frame.has_brightness:
-            magnitude = frame.magnitude[: frame.n]
-            score += brightness(magnitude, sky.v_mag, matches.observed, matches.catalog, k)
-        if not score > best or (pose.free and score < _HOPELESS):
+            seen = frame.magnitude, frame.usual
+            score += brightness(seen, sky.v_mag, matches.observed, matches.catalog, k)
+        names = _names(matches, k)
+        settled = k == k_before and names == before
+        # Perfect centroids have no more evidence after the fit than before it.
+        if not score > (best - _ROUNDING if settled else best):
             break
-        best, matches.n_best = score, k
+        if pose.free and score < _HOPELESS:
+            break
+        best, matches.n_best = max(score, best), k
         copy_pose(trial, pose)
         # The pose was fitted to these very matches already: they will not change any more.
-        names = _names(matches, k)
-        if k == k_before and names == before:
+        if settled:
             matches.n_settled, matches.n_matched, matches.n_near = k, n_matched, n_near
             break
         before, k_before = names, k

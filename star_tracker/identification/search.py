@@ -81,6 +81,17 @@ def forget(progress: Any) -> None:
 
 
 @compiled
+def wrong_probability(progress: Any) -> float:
+    """Return that of the best pose, against its best rival and against no pose at all.
+
+    Bayes' theorem for evidence 10^score and, for no pose, 1; all equally likely beforehand.
+    """
+    score = progress.score
+    odds = 10.0 ** min(-score, 300.0) + 10.0 ** min(progress.rival_score - score, 300.0)
+    return odds / (1.0 + odds)
+
+
+@compiled
 def search(engine: Any) -> int:
     """Go on searching until something is certain, nothing is left or the budget is spent."""
     levels, frame, limits, progress = (
@@ -99,8 +110,6 @@ def search(engine: Any) -> int:
             return Ended.MORE
         main = frame.mains[progress.next_main]
         progress.next_main += 1
-        if at > 0 and _tried(levels[at - 1], level, progress.next_main, frame.n):
-            continue
         see_at_scale(frame, engine.sky.focal_px, 1.0)
         if level.by_shape:
             spent += _try_main_by_shape(engine, main, level)
@@ -110,13 +119,6 @@ def search(engine: Any) -> int:
         if certain(progress, limits, frame.n):
             return Ended.CERTAIN
     return Ended.EXHAUSTED
-
-
-@compiled
-def _tried(before: Any, now: Any, place: int, n: int) -> bool:
-    """Return whether all companions of a main star have voted at the level before already."""
-    same = before.tolerance_px == now.tolerance_px and not (before.by_shape or now.by_shape)
-    return same and place <= before.mains and n - 1 <= before.companions
 
 
 @compiled
@@ -140,25 +142,18 @@ def _try_main(engine: Any, main: int, level: Any) -> float:
     frame, progress = engine.frame, engine.progress[0]
     tolerance = level.tolerance_px / engine.sky.focal_px
     n_near = look_around(frame, main, level.companions, votes)
-    quick = level.batch < level.companions
     # The more main stars there are, the fewer chances each of them needs.
-    most = min(len(room.cells), max(_FEWEST_CELLS, _CELLS_OF_A_LEVEL // frame.n))
+    most = min(level.cells, max(_FEWEST_CELLS, _CELLS_OF_A_LEVEL // frame.n))
     cells, scores = room.cells[:most], room.scores[:most]
-    work, n_judged = 0.0, 0
-    for begin in range(0, n_near, level.batch):
-        end, total = choose_rows(pairs, votes, begin, min(begin + level.batch, n_near), tolerance)
-        progress.n_hypotheses += total
-        work += total
-        # By chance hardly any cell gets all three votes of a batch of three.
-        threshold = level.batch if quick else threshold_for(total, len(votes.low))
-        cast(pairs, votes, begin, end, threshold)
-        n_cells = best_cells(votes, n_judged, votes.n_reached, cells, scores)
-        n_judged = votes.n_reached
-        for i in range(n_cells):
-            work += _WORK_OF_A_CELL
-            _try_cell(engine, end, main, cells[i], level.tolerance_px)
-            if certain(progress, engine.limits, frame.n):
-                return work
+    end, total = choose_rows(pairs, votes, n_near, tolerance)
+    progress.n_hypotheses += total
+    cast(pairs, votes, end, threshold_for(total, len(votes.low)))
+    work = float(total)
+    for i in range(best_cells(votes, 0, votes.n_reached, cells, scores)):
+        work += _WORK_OF_A_CELL
+        _try_cell(engine, end, main, cells[i], level.tolerance_px)
+        if certain(progress, engine.limits, frame.n):
+            break
     return work
 
 
@@ -210,12 +205,15 @@ def _try_cell_by_shape(engine: Any, main: int, cell: int, n_fan: int, level: Any
     """Make a candidate of a cell's members that agree in scale, and judge it; return the work."""
     sky, frame, room, star = engine.sky, engine.frame, engine.room, cell >> ROLL_BITS
     k = members_at_any_scale(engine, n_fan, cell, level.tolerance_px / sky.focal_px)
-    k, log_scale, worth = keep_agreeing(engine, k, n_fan, star)
-    prior = sky.scale_prior
-    if k < 2 or worth < level.worth or log_scale < prior.low or log_scale > prior.high:
+    k, log_scale, slack, worth = keep_agreeing(engine, k, n_fan, star)
+    prior, pose = sky.scale_prior, room.pose
+    if k < 2 or worth < level.worth:
+        return _WORK_OF_A_LOOK
+    if log_scale < prior.low - slack or log_scale > prior.high + slack:
         return _WORK_OF_A_LOOK
     room.observed[k], room.catalog[k] = main, star
-    room.pose.scale, room.pose.free = np.exp(log_scale), True
+    log_scale = min(max(log_scale, prior.low), prior.high)
+    pose.scale, pose.free = np.exp(log_scale), prior.log_range > 0.0
     see_at_scale(frame, sky.focal_px, room.pose.scale)
     if not solve_wahba(
         frame.vectors, room.observed, sky.guides.vectors, room.catalog, k + 1, room.pose.rotation

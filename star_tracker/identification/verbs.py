@@ -20,11 +20,18 @@ from star_tracker.geometry.rotation import (
     write_quaternion,
 )
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.brightness import how_usual
 from star_tracker.identification.contradiction import fit_focal_length
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
 from star_tracker.identification.labels import StarState, label_frame
-from star_tracker.identification.search import certain, forget, judge_and_keep, search
+from star_tracker.identification.search import (
+    certain,
+    forget,
+    judge_and_keep,
+    search,
+    wrong_probability,
+)
 from star_tracker.optics.frame import fill_frame, see_at_scale
 
 #: A predicted pose may be off by this many pixels, as the tolerance of a candidate.
@@ -37,6 +44,8 @@ def begin(engine: Any, xy_px: Floats, intensity: Floats) -> int:
     frame = engine.frame
     fill_frame(frame, engine.sky.optics, xy_px, intensity)
     engine.outcome[0].n_usable = frame.n
+    if frame.has_brightness:
+        how_usual(frame.magnitude, frame.n, frame.usual)
     forget(engine.progress[0])
     engine.crowd.known = False
     return Ended.TOO_FEW if frame.n < MIN_STARS else Ended.MORE
@@ -101,6 +110,8 @@ def label(engine: Any, labels: NDArray[np.void]) -> None:
     outcome.scale_variance = write_covariance(
         frame.vectors, engine.matches.observed, k, (of_direction, of_scale), engine.covariance
     )
+    progress = engine.progress[0]
+    outcome.wrong_probability, outcome.score = wrong_probability(progress), progress.score
 
 
 @compiled

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from engines import CAMERA, Bench, catalog_of, database_at, random_sky
+from engines import CAMERA, Bench, catalog_of, database_at, of_brightness, random_sky
 from scipy.integrate import quad
 from scipy.special import comb
 from scipy.stats import chi2, f, invgamma, norm
@@ -15,7 +15,6 @@ from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.evidence import (
     EXACT,
     ScalePrior,
-    brightness,
     evidence,
     scale_prior,
     variance,
@@ -352,7 +351,7 @@ def sky_of(n, seed):
 def gain(magnitude, v_mag, catalog=None):
     k = len(v_mag)
     pairs = np.arange(k) if catalog is None else catalog
-    return brightness(magnitude, v_mag, np.arange(k), pairs, k)
+    return of_brightness(magnitude, v_mag, np.arange(k), pairs, k)
 
 
 def by_formula(magnitude, difference):
@@ -429,7 +428,7 @@ def test_unknown_magnitudes_are_ignored():
     holes = magnitude.copy()
     holes[[1, 5, 6]] = np.nan
     left = np.flatnonzero(np.isfinite(holes))
-    without = brightness(magnitude[left], v_mag, np.arange(9), left, 9)
+    without = of_brightness(magnitude[left], v_mag, np.arange(9), left, 9)
     assert gain(holes, v_mag) == pytest.approx(without, abs=1e-12)
     # A guide star without a magnitude too; its centroid still counts among those of the frame.
     v_mag[2] = np.nan
@@ -453,9 +452,9 @@ def test_only_the_matches_that_count_are_looked_at():
     v_mag, magnitude, _ = sky_of(9, 6)
     magnitude[6:] = magnitude[:3]
     catalog = np.arange(9)
-    first = brightness(magnitude, v_mag, np.arange(9), catalog, 6)
+    first = of_brightness(magnitude, v_mag, np.arange(9), catalog, 6)
     catalog[6:] = 0
-    assert brightness(magnitude, v_mag, np.arange(9), catalog, 6) == first
+    assert of_brightness(magnitude, v_mag, np.arange(9), catalog, 6) == first
 
 
 @pytest.mark.parametrize(
@@ -464,6 +463,6 @@ def test_only_the_matches_that_count_are_looked_at():
 def test_one_star_far_brighter_than_all_others_is_as_rare_as_one_in_all(n):
     magnitude = np.zeros(n)
     magnitude[0] = -15.0
-    found = brightness(magnitude, np.array([-15.0, 0, 0]), np.arange(3), np.arange(3), 3)
+    found = of_brightness(magnitude, np.array([-15.0, 0, 0]), np.arange(3), np.arange(3), 3)
     # Twice that for the star; the two others are like all.
     assert 0 < found < math.log10(2 * n)

@@ -1,12 +1,12 @@
-"""One engine as Python sees it."""
+"""How sure a search is of its best pose."""
 
 import math
 
+import numpy as np
 import pytest
-from engines import CAMERA, catalog_of, random_sky
 
-from star_tracker.identification.engine import Results
-from star_tracker.identification.searcher import Searcher
+from star_tracker.compiled import compiled
+from star_tracker.identification.search import PROGRESS, wrong_probability
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,12 @@ from star_tracker.identification.searcher import Searcher
 )
 def test_probability_of_being_wrong(score, rival, expected):
     """Bayes' theorem for three explanations: this pose, its best rival and none."""
-    results = Results.blank(4)
-    results.progress["score"], results.progress["rival_score"] = score, rival
-    searcher = Searcher(CAMERA, catalog_of(random_sky(5, 1)), None, results)
-    assert searcher.wrong_probability == pytest.approx(expected, rel=1e-9, abs=1e-290)
+    progress = np.zeros(1, PROGRESS)
+    progress["score"], progress["rival_score"] = score, rival
+    found = of_record(progress)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-290)
+
+
+@compiled
+def of_record(progress):
+    return wrong_probability(progress[0])
