@@ -2,9 +2,9 @@
 
 from typing import TYPE_CHECKING
 
-from msg_adapters import MessageError
-from msg_adapters.message_class import message_class
 from star_tracker.identification.labels import StarState
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.message_class import message_class
 from star_tracker.solution import Solution, Status
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from msg_adapters import MessageError
-from msg_adapters.camera_info import camera_from_info
-from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.bags.message_types import require_rosbags
 from star_tracker.bags.topics import CAMERA_INFO, frames_topic, info_topic
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.camera_info import camera_from_info
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.optics.camera import Camera
 
 #: Endings of bags that are one file, beside folders with a file of metadata.

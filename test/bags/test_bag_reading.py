@@ -10,11 +10,6 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.centroids import Centroids
-from msg_adapters.image import compressed_from_picture, picture_from_image
-from msg_adapters.message_class import classes_from, message_class
-from msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.bags.frames import Reading, read_frames
 from star_tracker.bags.message_types import BagTypes, long_name
 from star_tracker.bags.reading import DamagedBagError, Wanted, is_bag, open_bag
@@ -24,6 +19,11 @@ from star_tracker.bags.writing import new_bag
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.render_settings import RenderSettings
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.centroids import Centroids
+from star_tracker.msg_adapters.image import compressed_from_picture, picture_from_image
+from star_tracker.msg_adapters.message_class import classes_from, message_class
+from star_tracker.msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.offline.solving import Asked
 from star_tracker.offline.spreading import Spread
 from star_tracker.optics.camera import Camera

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import RegionOfInterest
 from std_msgs.msg import Header
 
-from msg_adapters import MessageError
-from msg_adapters.camera_info import camera_from_info, info_from_camera
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.camera_info import camera_from_info, info_from_camera
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
 

@@ -13,11 +13,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 
-from msg_adapters.camera_info import camera_from_info
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.maps.simulation import synthetic_field, visible_stars
+from star_tracker.msg_adapters.camera_info import camera_from_info
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
 from star_tracker.solution import SolveSettings, Status

@@ -12,14 +12,18 @@ from sensor_msgs.msg import NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 from tf_stand_in import TFMessage
 
-from msg_adapters import MessageError
-from msg_adapters.attitude import quaternion_from_attitude
-from msg_adapters.imu import earth_attitude_from_imu, imu_from_attitude, orientation_from_imu
-from msg_adapters.site import fix_from_site, site_from_fix
-from msg_adapters.transforms import FrameRotation, rotations_from_tf, tf_from_rotation
-from msg_adapters.velocity import vector_from_velocity, velocity_from_vector
 from star_tracker.earth.attitude import EarthAttitude
 from star_tracker.earth.site import Site
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.attitude import quaternion_from_attitude
+from star_tracker.msg_adapters.imu import (
+    earth_attitude_from_imu,
+    imu_from_attitude,
+    orientation_from_imu,
+)
+from star_tracker.msg_adapters.site import fix_from_site, site_from_fix
+from star_tracker.msg_adapters.transforms import FrameRotation, rotations_from_tf, tf_from_rotation
+from star_tracker.msg_adapters.velocity import vector_from_velocity, velocity_from_vector
 
 HEADER = Header(frame_id="star_camera")
 HEADER.stamp.sec, HEADER.stamp.nanosec = 1_717_556_645, 250_000_000

@@ -5,13 +5,13 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
-from msg_adapters import MessageError
-from msg_adapters.solution import (
+from star_tracker.identification.labels import Identification
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.solution import (
     diagnostics_from_solution,
     name_from_diagnostics,
     values_from_diagnostics,
 )
-from star_tracker.identification.labels import Identification
 from star_tracker.solution import Solution, Status
 
 HEADER = Header(frame_id="camera")

@@ -11,9 +11,9 @@ import pytest
 from processes import completed, popen
 from waiting import last_resort
 
-from msg_adapters.point_cloud import STAR_DTYPE
 from star_tracker.geometry.rotation import rotation_from_boresight, write_quaternion
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.point_cloud import STAR_DTYPE
 from star_tracker.nodes.demo import Result, grade
 from star_tracker.nodes.demo_image import _SKY, grade_image
 from star_tracker.resources import resource_path

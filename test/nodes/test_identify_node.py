@@ -21,13 +21,13 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from waiting import longest_s
 
-from msg_adapters.attitude import array_from_boresight
-from msg_adapters.camera_info import info_from_camera
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation, unit_vectors
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.attitude import array_from_boresight
+from star_tracker.msg_adapters.camera_info import info_from_camera
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.optics.distortion import Distortion

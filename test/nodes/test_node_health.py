@@ -17,9 +17,9 @@ from ros_helpers import (
 from sensor_msgs.msg import Imu
 from visualization_msgs.msg import Marker, MarkerArray
 
-from msg_adapters.imu import orientation_from_imu
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.imu import orientation_from_imu
 from star_tracker.nodes.identify import health as health_module
 from star_tracker.nodes.identify_node import IdentifyNode
 

@@ -11,9 +11,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Header
 
-from msg_adapters import MessageError
-from msg_adapters.camera_info import camera_from_info
-from msg_adapters.stamp import nanoseconds_from_header
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.camera_info import camera_from_info
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.nodes.identify.camera_feed import CameraFeed
 from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.listening import (

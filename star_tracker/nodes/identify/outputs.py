@@ -9,13 +9,13 @@ from sensor_msgs.msg import Imu, PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from msg_adapters.attitude import boresight_from_attitude, quaternion_from_attitude
-from msg_adapters.imu import imu_from_attitude
-from msg_adapters.markers import markers_from_solution
-from msg_adapters.point_cloud import cloud_from_identification
-from msg_adapters.solution import diagnostics_from_solution
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters.attitude import boresight_from_attitude, quaternion_from_attitude
+from star_tracker.msg_adapters.imu import imu_from_attitude
+from star_tracker.msg_adapters.markers import markers_from_solution
+from star_tracker.msg_adapters.point_cloud import cloud_from_identification
+from star_tracker.msg_adapters.solution import diagnostics_from_solution
 from star_tracker.nodes.listening import PUBLISHED
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution
