@@ -84,7 +84,7 @@ class IdentifyNode(DeclaringNode):
         self._starting: Starting | None = Starting(self)
         self._journal = Journal(self)
         with overrides_checked():
-            self._outputs = Outputs(self, p.reference_frame, p.camera_frame)
+            self._outputs = Outputs(self, p.reference_frame, p.camera_frame, p.publish_quality)
             self._intake = Intake(
                 self, lambda: self._setup, self._identify, self._reject, listens
             )

@@ -170,7 +170,7 @@ def test_fixed_parameters():
     fixed = {parameter.name for parameter in IDENTIFY_PARAMETERS if parameter.fixed}
     assert fixed == {
         "base_frame", "earth_frame", "publish_tf", "use_fix",
-        "use_velocity", "camera_frame", "queue_depth", "rectified", "reference_frame",
+        "use_velocity", "camera_frame", "publish_quality", "queue_depth", "rectified", "reference_frame",
         "use_camera_info", "camera_file",
     }
     assert all(parameter.fixed for parameter in REPLAY_PARAMETERS)
