@@ -167,6 +167,27 @@ def test_cameras_that_are_all_younger_and_differ_are_none(tmp_path):
     assert "all CameraInfo are younger than this frame, and not of one camera" in result.error
 
 
+def test_cameras_of_one_topic_are_told_apart_by_frame_id(tmp_path):
+    path, maps = tmp_path / "bag.mcap", {"left": paper_maps((6,))[0], "right": paper_maps((7,))[0]}
+    with new_bag(path) as writer:
+        writer.declare("/stars", "sensor_msgs/PointCloud2")
+        writer.declare("/camera_info", "sensor_msgs/CameraInfo")
+        for side, star_map in maps.items():
+            info = info_from_camera(star_map.camera, writer.header(5, side))
+            writer.write("/camera_info", info, 5)
+        for frame_id in ("left", "right", "middle"):
+            xy = maps.get(frame_id, maps["left"]).xy_px
+            header = writer.header(5, frame_id)
+            writer.write("/stars", cloud_from_centroids(Centroids(xy), header), 5)
+    left, right, middle = solved(path)
+    assert left.is_solved
+    assert right.is_solved
+    assert middle.error.endswith(
+        "the CameraInfo have frame_id left, right, this frame has middle: "
+        "give the camera with --camera or --fov-deg"
+    )
+
+
 def test_the_truth_of_rendered_maps_is_found(tmp_path):
     """CameraInfo counts from the middle of the first pixel: half a pixel off is 0.012 deg."""
     (result,) = solved(maps_bag(tmp_path / "images.mcap", (1,), rendered=RenderSettings()))
