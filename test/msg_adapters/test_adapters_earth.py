@@ -51,10 +51,17 @@ def test_a_receiver_without_a_fix_has_no_place(status):
         site_from_fix(message)
 
 
-def test_a_fix_that_is_no_place_is_refused_by_name():
+@pytest.mark.parametrize(("field", "value", "sentence"), [
+    ("latitude", float("nan"), "NavSatFix latitude_deg is nan: it must be from -90 to 90 deg"),
+    ("latitude", 91.0, "NavSatFix latitude_deg is 91.0: it must be from -90 to 90 deg"),
+    ("longitude", float("nan"), "NavSatFix longitude_deg is nan: it must be from -180 to 360 deg"),
+    ("longitude", float("-inf"), "NavSatFix longitude_deg is -inf: it must be from -180 to 360 "),
+    ("altitude", float("inf"), "NavSatFix height_m is inf: it must be from -12000 to 100000 m"),
+])
+def test_a_fix_that_is_no_place_is_refused_by_name(field, value, sentence):
     message = fix_from_site(Site(1.0, 2.0), HEADER)
-    message.latitude = float("nan")
-    with pytest.raises(MessageError, match="NavSatFix latitude_deg is nan: it must be from -90 "):
+    setattr(message, field, value)
+    with pytest.raises(MessageError, match=re.escape(sentence)):
         site_from_fix(message)
 
 
