@@ -137,7 +137,8 @@ def test_the_demo_says_in_one_line_that_a_folder_has_no_maps(tmp_path):
 
 
 @starts_nodes
-def test_interrupted_demo_ends_without_a_traceback():
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_demo_ends_without_a_traceback(number):
     # A group of its own: a terminal's Ctrl-C goes to the nodes too.
     with (
         popen("-u", *DEMO, "--rate-hz", "0.01", start_new_session=True) as demo,
@@ -147,7 +148,7 @@ def test_interrupted_demo_ends_without_a_traceback():
         for line in demo.stderr:
             lines.append(line)
             if "maps at" in line:
-                os.killpg(demo.pid, signal.SIGINT)
+                os.killpg(demo.pid, number)
         code = demo.wait()
     assert code == 130, "".join(lines)
     assert "Traceback" not in "".join(lines)
