@@ -34,10 +34,10 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.health import report_from_status
-from msg_adapters.image import Picture, image_from_picture
-from msg_adapters.stamp import nanoseconds_from_header
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.health import report_from_status
+from star_tracker.msg_adapters.image import Picture, image_from_picture
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
 from node_cost import cpu_s
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.render import render

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters import MessageError
-from msg_adapters.point_cloud import cloud_from_points, points_from_cloud
 from star_tracker.detection.centroids import Centroids
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.point_cloud import cloud_from_points, points_from_cloud
 
 if TYPE_CHECKING:
     import sensor_msgs.msg

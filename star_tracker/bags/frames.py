@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from msg_adapters import MessageError
-from msg_adapters.detected_stars import PIXEL_ORIGINS
-from msg_adapters.image import Picture, picture_from_compressed, picture_from_image
-from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.bags.reading import BagFrame, DamagedBagError
 from star_tracker.bags.topics import CENTROIDS, COMPRESSED
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.detect import detect_stars
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.detected_stars import PIXEL_ORIGINS
+from star_tracker.msg_adapters.image import Picture, picture_from_compressed, picture_from_image
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.offline.frame_file import FileFrame
 from star_tracker.offline.spreading import Spread
 

@@ -3,16 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.centroids import Centroids
-from msg_adapters.detected_stars import PIXEL_ORIGINS
-from msg_adapters.image import Picture, image_from_picture
-from msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.bags.writing import BagWriter
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.render import render
 from star_tracker.detection.render_settings import RenderSettings
 from star_tracker.maps.star_map import StarMap
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.centroids import Centroids
+from star_tracker.msg_adapters.detected_stars import PIXEL_ORIGINS
+from star_tracker.msg_adapters.image import Picture, image_from_picture
+from star_tracker.msg_adapters.point_cloud import cloud_from_centroids
 
 #: Stamp of the first frame: 2000-01-01, 00:00 UTC.
 START_NS = 946_684_800_000_000_000

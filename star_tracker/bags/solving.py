@@ -77,22 +77,17 @@ class BagSolver:
         if isinstance(found, ValueError):
             return Result(path, None, None, f"{where}: {found}", place)
         try:
-            camera = self._camera(found, at.stamp_ns)
+            camera = self._camera(found, at)
             frame = self._sized(found, camera)
             return Result(path, frame, self._solution(frame, camera, at.stamp_ns), "", place)
         except ValueError as error:
             return Result(path, None, None, f"{where}: {error}", place)
 
-    def _camera(self, frame: FileFrame, stamp_ns: int) -> Camera | None:
+    def _camera(self, frame: FileFrame, at: BagFrame) -> Camera | None:
         """Return the camera of a frame, None for any. Raises ValueError where it is not clear."""
         if self._announced is None:
             return self._asked.told(frame.size_px if any(frame.size_px) else self._size_px)
-        camera = self._announced.at(stamp_ns)
-        if camera is None:
-            raise ValueError(
-                "all CameraInfo are younger than this frame, and not of one camera: give the "
-                "camera with --camera or --fov-deg"
-            )
+        camera = self._announced.at(at.stamp_ns, at.frame_id)
         return replace(camera, tolerance_percent=_INFO_TOLERANCE_PERCENT)
 
     def _sized(self, frame: FileFrame, camera: Camera | None) -> FileFrame:

@@ -13,12 +13,12 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from msg_adapters import MessageError
-from msg_adapters.health import status_from_health
-from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.calibration.camera_file import write_camera
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.identification.labels import Identification
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.health import status_from_health
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.nodes.declaring import (
     DeclaringNode,
     Parameter,
@@ -84,7 +84,7 @@ class IdentifyNode(DeclaringNode):
         self._starting: Starting | None = Starting(self)
         self._journal = Journal(self)
         with overrides_checked():
-            self._outputs = Outputs(self, p.reference_frame, p.camera_frame)
+            self._outputs = Outputs(self, p.reference_frame, p.camera_frame, p.publish_quality)
             self._intake = Intake(
                 self, lambda: self._setup, self._identify, self._reject, listens
             )

@@ -169,6 +169,9 @@ class _SolverParameters:
         "", "frame_id of the stars; empty = that of the centroids", fixed=True
     )
     publish_markers: bool = parameter(False, "publish markers for RViz and Foxglove")
+    publish_quality: bool = parameter(
+        False, "publish numbers of each frame for plots, each as a topic below quality", fixed=True
+    )
     log_frames: bool = parameter(False, "a line of the log for each frame")
 
     def __post_init__(self) -> None:

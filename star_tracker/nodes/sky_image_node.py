@@ -15,14 +15,14 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
-from msg_adapters.attitude import quaternion_from_attitude
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.detected_stars import PIXEL_ORIGINS
-from msg_adapters.image import Picture, image_from_picture
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.render import render
 from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters.attitude import quaternion_from_attitude
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.detected_stars import PIXEL_ORIGINS
+from star_tracker.msg_adapters.image import Picture, image_from_picture
 from star_tracker.nodes.declaring import DeclaringNode, ParameterError, declare, unknown_parameters
 from star_tracker.nodes.listening import PUBLISHED, overrides_checked
 from star_tracker.nodes.running import run

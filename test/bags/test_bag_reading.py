@@ -10,11 +10,6 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.centroids import Centroids
-from msg_adapters.image import compressed_from_picture, picture_from_image
-from msg_adapters.message_class import classes_from, message_class
-from msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.bags.frames import Reading, read_frames
 from star_tracker.bags.message_types import BagTypes, long_name
 from star_tracker.bags.reading import DamagedBagError, Wanted, is_bag, open_bag
@@ -24,6 +19,11 @@ from star_tracker.bags.writing import new_bag
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.render_settings import RenderSettings
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.centroids import Centroids
+from star_tracker.msg_adapters.image import compressed_from_picture, picture_from_image
+from star_tracker.msg_adapters.message_class import classes_from, message_class
+from star_tracker.msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.offline.solving import Asked
 from star_tracker.offline.spreading import Spread
 from star_tracker.optics.camera import Camera
@@ -165,6 +165,27 @@ def test_cameras_that_are_all_younger_and_differ_are_none(tmp_path):
             writer.write("/camera_info", info, stamp_ns)
     (result,) = solved(path)
     assert "all CameraInfo are younger than this frame, and not of one camera" in result.error
+
+
+def test_cameras_of_one_topic_are_told_apart_by_frame_id(tmp_path):
+    path, maps = tmp_path / "bag.mcap", {"left": paper_maps((6,))[0], "right": paper_maps((7,))[0]}
+    with new_bag(path) as writer:
+        writer.declare("/stars", "sensor_msgs/PointCloud2")
+        writer.declare("/camera_info", "sensor_msgs/CameraInfo")
+        for side, star_map in maps.items():
+            info = info_from_camera(star_map.camera, writer.header(5, side))
+            writer.write("/camera_info", info, 5)
+        for frame_id in ("left", "right", "middle"):
+            xy = maps.get(frame_id, maps["left"]).xy_px
+            header = writer.header(5, frame_id)
+            writer.write("/stars", cloud_from_centroids(Centroids(xy), header), 5)
+    left, right, middle = solved(path)
+    assert left.is_solved
+    assert right.is_solved
+    assert middle.error.endswith(
+        "the CameraInfo have frame_id left, right, this frame has middle: "
+        "give the camera with --camera or --fov-deg"
+    )
 
 
 def test_the_truth_of_rendered_maps_is_found(tmp_path):

@@ -11,9 +11,6 @@ from rclpy.serialization import deserialize_message
 from ros_helpers import IdentifyClient, open_bench, stamp_ns
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.point_cloud import centroids_from_cloud, cloud_from_centroids
-from msg_adapters.solution import values_from_diagnostics
 from star_tracker.bags.frames import Reading, read_frames
 from star_tracker.bags.output import declare_topics, write_result
 from star_tracker.bags.reading import Wanted, open_bag
@@ -23,6 +20,9 @@ from star_tracker.bags.writing import new_bag
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.render_settings import RenderSettings
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud, cloud_from_centroids
+from star_tracker.msg_adapters.solution import values_from_diagnostics
 from star_tracker.nodes.centroid_node import CentroidNode
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.offline.solving import Asked

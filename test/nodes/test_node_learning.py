@@ -8,9 +8,9 @@ from ros_helpers import frame_of, new_header, open_bench, stamp_ns
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from msg_adapters.solution import values_from_diagnostics
 from star_tracker.calibration.camera_file import read_camera
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.solution import values_from_diagnostics
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.identify_node import IdentifyNode
 

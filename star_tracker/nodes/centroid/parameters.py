@@ -6,8 +6,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from msg_adapters.detected_stars import PIXEL_ORIGINS
 from star_tracker.detection.centroids import PSF_RANGE_PX, DetectSettings
+from star_tracker.msg_adapters.detected_stars import PIXEL_ORIGINS
 from star_tracker.nodes.declaring import ParameterError, parameter, parameters_of
 from star_tracker.offline.image_file import read_image, require_pillow
 
