@@ -55,6 +55,19 @@ def written(path, *frames, camera=None):
     return path
 
 
+def test_centroids_without_camera_info_are_counted_as_is_told(tmp_path):
+    """The boresight is the same for those counted from the middle of the first pixel."""
+    corner = solved(written(tmp_path / "a.mcap", ("/c", MAP1.xy_px, 5)), Asked(camera=MAP1.camera))
+    center = solved(
+        written(tmp_path / "b.mcap", ("/c", MAP1.xy_px - 0.5, 5)),
+        Asked(camera=MAP1.camera, pixel_origin="center"),
+    )
+    np.testing.assert_allclose(center[0].frame.told_px, MAP1.xy_px - 0.5)
+    np.testing.assert_allclose(
+        center[0].solution.attitude.rotation, corner[0].solution.attitude.rotation, atol=1e-9
+    )
+
+
 def as_rosbag1(source, path):
     """Write the messages of a bag of ROS 2 as one of ROS 1."""
     new, old = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
