@@ -136,11 +136,12 @@ def test_a_raw_image_of_a_colour_sensor(tmp_path, capsys):
 # Half a pixel
 
 
-#: As ROS has it, counted from the middle of the first pixel: the principal point is off the middle.
+#: As ROS has it, counted from the middle of the first pixel; the principal point is elsewhere.
 ROS_CAMERA = f"""
 image_width: 320
 image_height: 240
-camera_matrix: {{rows: 3, cols: 3, data: [{CAMERA.fx_px}, 0, 109.5, 0, {CAMERA.fx_px}, 149.5, 0, 0, 1]}}
+camera_matrix:
+  data: [{CAMERA.fx_px}, 0, 109.5, 0, {CAMERA.fx_px}, 149.5, 0, 0, 1]
 distortion_model: plumb_bob
 distortion_coefficients: {{rows: 1, cols: 5, data: [-0.3, 0, 0, 0, 0]}}
 star_tracker: {{parity: normal, tolerance_percent: 0.5}}

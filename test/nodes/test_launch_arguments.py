@@ -5,7 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from star_tracker.nodes.launch_arguments import files, number, pixels, switch, triple
+from star_tracker.nodes.launch_arguments import (
+    files,
+    number,
+    pixels,
+    quality,
+    resolved,
+    switch,
+    triple,
+)
 
 LAUNCH_FILES = sorted((Path(__file__).resolve().parents[2] / "launch").glob("*.launch.py"))
 #: Launch files with each of their arguments that names a file of parameters.
@@ -37,6 +45,24 @@ def test_what_is_understood(read, text, value):
 def test_what_is_refused_in_one_line(read, text, sentence):
     with pytest.raises(ValueError, match=f"^{re.escape(sentence)}$"):
         read("name", text)
+
+
+@pytest.mark.parametrize(("namespace", "topic", "whole"), [
+    ("", "image", "/image"), ("left", "image", "/left/image"), ("/a/b/", "x/y", "/a/b/x/y"),
+    ("left", "/camera/image_raw", "/camera/image_raw"),
+])
+def test_a_topic_in_a_namespace(namespace, topic, whole):
+    assert resolved(namespace, topic) == whole
+
+
+def test_the_quality_of_a_topic():
+    assert quality("image_reliability", "", "/image.subscription") == {}
+    assert quality("info_durability", "transient_local", "/info.subscription") == {
+        "qos_overrides./info.subscription.durability": "transient_local",
+    }
+    sentence = "image_reliability:=sure must be reliable or best_effort"
+    with pytest.raises(ValueError, match=f"^{sentence}$"):
+        quality("image_reliability", "sure", "/image.subscription")
 
 
 def started(source, **arguments):
