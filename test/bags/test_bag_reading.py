@@ -4,7 +4,9 @@ import shutil
 
 import numpy as np
 import pytest
+import yaml
 from bag_files import HERE, maps_bag, raw_messages, solved
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -393,6 +395,33 @@ def test_a_storage_that_the_ending_denies_is_refused(tmp_path):
 def test_a_place_that_is_not_there_takes_no_bag(tmp_path):
     with pytest.raises(ValueError, match="cannot be written: "):
         maps_bag(tmp_path / "no" / "bag.mcap", (1,))
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_metadata_and_messages_are_those_of_jazzy(tmp_path, storage):
+    """No QoS is offered: the player takes its default, reliable, the last ten, volatile."""
+    path = maps_bag(tmp_path / "maps", (1, 2), storage)
+    told = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (told["version"], told["storage_identifier"]) == (9, storage)
+    assert (told["message_count"], told["compression_mode"]) == (4, "")
+    assert told["starting_time"] == {"nanoseconds_since_epoch": 946_684_800_000_000_000}
+    assert told["duration"] == {"nanoseconds": 100_000_000}
+    (file,) = told["files"]
+    assert [file["path"]] == told["relative_file_paths"]
+    assert (path / file["path"]).is_file()
+    for one in told["topics_with_message_count"]:
+        topic = one["topic_metadata"]
+        assert one["message_count"] == 2
+        assert (topic["serialization_format"], topic["offered_qos_profiles"]) == ("cdr", [])
+        assert topic["type_description_hash"] == (
+            get_typestore(Stores.ROS2_JAZZY).hash_rihs01(topic["type"])
+        )
+    with AnyReader([path]) as reader:
+        kinds = [
+            type(reader.deserialize(raw, one.msgtype)).__name__
+            for one, _, raw in reader.messages()
+        ]
+    assert len(kinds) == 4
 
 
 def test_types_have_long_names():

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import struct
 from importlib.util import find_spec
 
 import numpy as np
@@ -300,6 +301,20 @@ def test_an_image_without_stars_gives_one_sentence(image, tmp_path, capsys):
     assert err == ""
     (line,) = lines
     assert line.split()[0] in {"UNUSABLE", "TOO_FEW_STARS"}, line
+
+
+@needs("Pillow")
+def test_a_picture_too_large_is_refused_before_it_is_read(picture, tmp_path, capsys):
+    """The head of a bitmap of 20,000 x 20,000 pixels, of which none follows."""
+    np.save(tmp_path / "sky.npy", picture)
+    huge = tmp_path / "huge.bmp"
+    head = struct.pack("<IiiHHIIiiII", 40, 20_000, 20_000, 1, 24, 0, 0, 2835, 2835, 0, 0)
+    huge.write_bytes(b"BM" + struct.pack("<IHHI", 54, 0, 0, 54) + head)
+    code, lines, err = run(capsys, huge, tmp_path / "sky.npy")
+    assert (code, err) == (1, "")
+    assert lines[0].startswith(f"UNUSABLE  {huge} cannot be read: ")
+    assert "400000000 pixels" in lines[0]
+    assert lines[1].startswith("SOLVED ")
 
 
 @pytest.mark.parametrize(("options", "text"), [
