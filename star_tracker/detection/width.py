@@ -34,6 +34,8 @@ _LONG, _SAME_WAY = 1.8, 0.8
 #: over an endless line shows w^2; on a line of length 2 a w it is w^2 / 2 at a = 1.4 (where
 #: 2 a phi(a) = Phi(a) - 1/2), which is where the moments settle.
 _LINE = 2.8
+#: Longer lines than this, px, are longer than their moments can tell.
+LONGEST_PX = 66.0
 #: A line's peaks are those within so many of its own standard deviations, squared: half of the
 #: length. It ends before the border by so many px and widths, or else it is cut off there.
 _ON_LINE, _BORDER_PX, _BORDER_SIGMAS = (0.5 * _LINE) ** 2, 1.0, 2.0
@@ -46,7 +48,7 @@ def image_psf(
 
     `first` is what they were found with, `sigma_px` the width where it is known. The width is that
     of the densest half of all: where many peaks are hot pixels, clouds or lamps, these are of all
-    widths but stars are of one.
+    widths but stars are of one. Of lines of `LONGEST_PX` and more only the direction is known.
     """
     shapes = np.empty((_MOST, 4))
     sharpest = flatness(Psf(PSF_RANGE_PX[0]))

@@ -55,5 +55,6 @@ def test_streaks_of_20_px_are_solved_for_the_middle_of_the_exposure(tracker, sky
     assert off_px.max() < 0.5
 
 
-def test_streaks_of_60_px_are_solved_or_refused_and_never_wrong(tracker, sky):
-    assert (boresights_off_px(tracker, sky, 60.0) < 1.0).all()
+@pytest.mark.parametrize("length_px", [60.0, 70.0, 100.0])
+def test_longer_streaks_are_solved_or_refused_and_never_wrong(length_px, tracker, sky):
+    assert (boresights_off_px(tracker, sky, length_px) < 1.0).all()
