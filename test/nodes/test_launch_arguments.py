@@ -1,6 +1,7 @@
 """What the arguments of launch files say, and what launch makes of the files where it is there."""
 
 import re
+import runpy
 from pathlib import Path
 
 import pytest
@@ -101,3 +102,25 @@ def test_a_file_that_is_not_there_ends_the_launch(source, name):
 
 def test_each_launch_file_takes_a_file_of_parameters():
     assert {source for source, _ in FILES_OF_PARAMETERS} == set(LAUNCH_FILES)
+
+
+def test_the_quality_of_topics_goes_to_the_node_that_has_them():
+    pytest.importorskip("launch_ros", reason="launch_ros is not installed")
+    (source,) = [one for one in LAUNCH_FILES if one.name == "camera.launch.py"]
+    camera = runpy.run_path(str(source))
+    told = {name: default for name, (default, _) in camera["ARGUMENTS"].items()} | {
+        "image": "eye/image_raw", "image_transport": "compressed", "namespace": "left",
+        "camera_info": "/eye/info", "image_reliability": "best_effort",
+        "camera_info_durability": "transient_local", "centroids_reliability": "best_effort",
+    }
+    centroid, identify = (sets[-1] for sets in camera["parameters"](told))
+    given = {
+        name: value for one in (centroid, identify) for name, value in one.items()
+        if name.startswith("qos_overrides")
+    }
+    assert given == {
+        "qos_overrides./left/eye/image_raw/compressed.subscription.reliability": "best_effort",
+        "qos_overrides./left/centroids.publisher.reliability": "best_effort",
+        "qos_overrides./eye/info.subscription.durability": "transient_local",
+    }
+    assert "qos_overrides./eye/info.subscription.durability" in identify
