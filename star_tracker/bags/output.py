@@ -52,8 +52,9 @@ def write_result(writer: BagWriter, frame: BagFrame, result: Result) -> None:
         messages["/imu"] = imu_from_attitude(solution.attitude, image)
     messages["/solution"] = diagnostics_from_solution(solution, _NAME, image)
     if result.frame is not None:
+        catalog = solution.catalog or _any_catalog()
         messages["/identified_stars"] = cloud_from_identification(
-            solution.identification, result.frame.xy_px, solution.catalog or _any_catalog(), image
+            solution.identification, result.frame.told_px, catalog, image
         )
     for topic, message in messages.items():
         writer.write(topic, message, frame.logged_ns)

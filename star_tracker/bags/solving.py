@@ -64,8 +64,10 @@ class BagSolver:
         read any further.
         """
         bag, asked = self._bag, self._asked
+        with_info = self._announced is not None
         reading = Reading(
-            bag.path, asked.detect, asked.bayer, from_center=self._announced is not None
+            bag.path, asked.detect, asked.bayer, from_center=with_info,
+            added_px=0.0 if with_info else asked.added_px,
         )
         for read in read_frames(bag.frames(), bag.kind, reading, spread):
             yield read.bag_frame, self._result(read)

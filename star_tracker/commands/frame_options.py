@@ -9,7 +9,7 @@ from star_tracker.calibration.camera_file import read_camera
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.maps.star_map import PAPER_MAPS, STAR_MAPS_FOLDER
 from star_tracker.offline.solving import Asked
-from star_tracker.optics.camera import PARITIES
+from star_tracker.optics.camera import PARITIES, PIXEL_ORIGINS
 from star_tracker.resources import resource_path
 from star_tracker.solution import SolveSettings
 
@@ -36,6 +36,11 @@ def add_camera_arguments(camera: argparse._ArgumentGroup) -> None:
     )
     camera.add_argument(
         "--height-px", type=int, metavar="PX", help="its height, px (none)"
+    )
+    camera.add_argument(
+        "--pixel-origin", choices=tuple(PIXEL_ORIGINS), default="corner",
+        help="of the first pixel, where a list's coordinates are counted from, and those of bags "
+        "without CameraInfo (%(default)s)",
     )
     camera.add_argument(
         "--bayer", default=None, metavar="RGGB", help="colour pattern of raw images (none)"
@@ -83,6 +88,7 @@ def asked_of(options: argparse.Namespace) -> Asked:
         fov_deg=options.fov_deg, fov_tolerance_percent=options.fov_tolerance_percent,
         fov_range_deg=(options.fov_min_deg, options.fov_max_deg), parity=options.parity,
         size_px=None if options.width_px is None else (options.width_px, options.height_px),
+        pixel_origin=options.pixel_origin,
         catalog=options.catalog, epoch=options.epoch,
         limiting_magnitude=options.limiting_magnitude,
         settings=SolveSettings(method="match_group", deadline_ms=options.deadline_ms),

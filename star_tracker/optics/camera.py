@@ -31,6 +31,9 @@ from star_tracker.optics.distortion import (
 )
 
 PARITIES = ("normal", "mirrored", "auto")
+#: Where pixels are counted from, the middle of the first one or its outer corner, and how much
+#: more a coordinate is that is counted from the corner, px.
+PIXEL_ORIGINS = {"center": 0.5, "corner": 0.0}
 #: Fields of view outside of this range are refused: no star pair fits, or no pinhole does.
 FOV_RANGE_DEG = (0.5, 120.0)
 #: Farthest that a focal length may be off and still count as told.
@@ -150,6 +153,10 @@ class Camera:
     def scaled(self, scale: float) -> "Camera":
         """Return the same camera with its focal lengths multiplied."""
         return replace(self, fx_px=self.fx_px * scale, fy_px=self.fy_px * scale)
+
+    def moved(self, by_px: float) -> "Camera":
+        """Return the same camera for coordinates of pixels that are larger along both axes."""
+        return replace(self, cx_px=self.cx_px + by_px, cy_px=self.cy_px + by_px)
 
     def with_parity(self, parity: str) -> "Camera":
         """Return the same camera with another parity."""

@@ -4,7 +4,9 @@ import shutil
 
 import numpy as np
 import pytest
+import yaml
 from bag_files import HERE, maps_bag, raw_messages, solved
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -53,6 +55,19 @@ def written(path, *frames, camera=None):
             cloud = cloud_from_centroids(Centroids(xy), writer.header(stamp_ns, "c"))
             writer.write(topic, cloud, stamp_ns)
     return path
+
+
+def test_centroids_without_camera_info_are_counted_as_is_told(tmp_path):
+    """The boresight is the same for those counted from the middle of the first pixel."""
+    corner = solved(written(tmp_path / "a.mcap", ("/c", MAP1.xy_px, 5)), Asked(camera=MAP1.camera))
+    center = solved(
+        written(tmp_path / "b.mcap", ("/c", MAP1.xy_px - 0.5, 5)),
+        Asked(camera=MAP1.camera, pixel_origin="center"),
+    )
+    np.testing.assert_allclose(center[0].frame.told_px, MAP1.xy_px - 0.5)
+    np.testing.assert_allclose(
+        center[0].solution.attitude.rotation, corner[0].solution.attitude.rotation, atol=1e-9
+    )
 
 
 def as_rosbag1(source, path):
@@ -401,6 +416,33 @@ def test_a_storage_that_the_ending_denies_is_refused(tmp_path):
 def test_a_place_that_is_not_there_takes_no_bag(tmp_path):
     with pytest.raises(ValueError, match="cannot be written: "):
         maps_bag(tmp_path / "no" / "bag.mcap", (1,))
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_metadata_and_messages_are_those_of_jazzy(tmp_path, storage):
+    """No QoS is offered: the player takes its default, reliable, the last ten, volatile."""
+    path = maps_bag(tmp_path / "maps", (1, 2), storage)
+    told = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (told["version"], told["storage_identifier"]) == (9, storage)
+    assert (told["message_count"], told["compression_mode"]) == (4, "")
+    assert told["starting_time"] == {"nanoseconds_since_epoch": 946_684_800_000_000_000}
+    assert told["duration"] == {"nanoseconds": 100_000_000}
+    (file,) = told["files"]
+    assert [file["path"]] == told["relative_file_paths"]
+    assert (path / file["path"]).is_file()
+    for one in told["topics_with_message_count"]:
+        topic = one["topic_metadata"]
+        assert one["message_count"] == 2
+        assert (topic["serialization_format"], topic["offered_qos_profiles"]) == ("cdr", [])
+        assert topic["type_description_hash"] == (
+            get_typestore(Stores.ROS2_JAZZY).hash_rihs01(topic["type"])
+        )
+    with AnyReader([path]) as reader:
+        kinds = [
+            type(reader.deserialize(raw, one.msgtype)).__name__
+            for one, _, raw in reader.messages()
+        ]
+    assert len(kinds) == 4
 
 
 def test_types_have_long_names():

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from star_tracker.calibration.camera_file import read_camera
 from star_tracker.catalogue.catalog import StarCatalog
@@ -60,6 +61,11 @@ def test_focal_length_and_lens_with_residuals_before_and_after(lists, capsys, tm
     written = read_camera(path)
     assert written.focal_length_px == pytest.approx(rows["focal_length_px"]["fitted"])
     assert written.parity == "mirrored"
+    # The principal point as told, the middle, counted in the file as ROS counts it.
+    middle = CAMERA.width_px / 2, CAMERA.height_px / 2
+    assert (written.cx_px, written.cy_px) == middle
+    told = yaml.safe_load(path.read_text())["camera_matrix"]["data"]
+    assert (told[2], told[5]) == (middle[0] - 0.5, middle[1] - 0.5)
 
 
 def test_the_table_says_what_was_fitted(lists, capsys):

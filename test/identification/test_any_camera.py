@@ -208,3 +208,17 @@ def test_an_unknown_parity_is_refused(steps):
     text = "parity 'left' is unknown: use normal, mirrored, auto"
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         AnyCameraTracker(steps, parity="left")
+
+
+def test_the_brightest_of_many_centroids_are_searched_first(steps, any_tracker):
+    """Fainter ones, of which no guide star is any, are in nobody's way, and have their rows."""
+    camera, (view,) = frames_of(steps[0], 13.0, 1, 5)
+    rng, n = np.random.default_rng(5), len(view.xy_px)
+    xy = np.concatenate([uniform_noise(camera, 300, rng), view.xy_px])
+    intensity = np.concatenate([rng.uniform(1.0, 10.0, 300), rng.uniform(20.0, 900.0, n)])
+    solution = any_tracker.solve(xy, intensity)
+    assert solution.status is Status.SOLVED
+    assert separation(solution.attitude.rotation[:, 2], view.rotation[:, 2]) < math.radians(0.05)
+    assert len(solution.identification.state) == 300 + n
+    assert (solution.identification.identified >= 300).all()
+    assert (solution.n_surplus, solution.n_ignored) == (0, 0)

@@ -171,7 +171,7 @@ def test_fixed_parameters():
     assert fixed == {
         "base_frame", "earth_frame", "publish_tf", "publish_quality", "use_fix",
         "use_velocity", "camera_frame", "queue_depth", "rectified", "reference_frame",
-        "use_camera_info", "camera_file",
+        "use_camera_info", "camera_file", "pixel_origin",
     }
     assert all(parameter.fixed for parameter in REPLAY_PARAMETERS)
 

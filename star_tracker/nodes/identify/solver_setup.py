@@ -1,6 +1,6 @@
 """What identify_node works with, made of its parameters as a whole."""
 
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
@@ -13,9 +13,10 @@ from star_tracker.catalogue.depth import Depth
 from star_tracker.catalogue.ladder import LadderStep, ladder
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.searcher import METHODS
+from star_tracker.msg_adapters.centroids import Centroids
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.parameters import IdentifyParameters
-from star_tracker.optics.camera import Camera
+from star_tracker.optics.camera import PIXEL_ORIGINS, Camera
 from star_tracker.solution import SolveSettings
 
 _DIGEST_LENGTH = 12
@@ -54,6 +55,21 @@ class SolverSetup:
         if p.catalog == "paper":
             return guides
         return (*guides, p.fov_deg, p.fov_min_deg, p.fov_max_deg, p.width_px, p.height_px)
+
+    def counted(self, centroids: Centroids) -> Centroids:
+        """Return a frame's centroids, counted as the camera is.
+
+        That is as camera_info counts, or else from the outer corner of the first pixel.
+        """
+        return replace(centroids, xy_px=centroids.xy_px + _added_px(self.parameters))
+
+    def told(self, camera: Camera) -> Camera:
+        """Return a camera that frames were solved with, counted as centroids are."""
+        return camera.moved(-_added_px(self.parameters))
+
+    def for_file(self, camera: Camera) -> Camera:
+        """Return a camera that frames were solved with, counted from the outer corner."""
+        return camera.moved(PIXEL_ORIGINS["center"] if self.parameters.use_camera_info else 0.0)
 
     @property
     def depth(self) -> Depth:
@@ -165,6 +181,11 @@ class SolverSetup:
 _TYPICAL = Camera.from_fov(20.0, 1024, 1024)
 
 
+def _added_px(p: IdentifyParameters) -> float:
+    """Return what is added to centroids, so that they are counted as the camera is."""
+    return 0.0 if p.use_camera_info else PIXEL_ORIGINS[p.pixel_origin]
+
+
 def _camera(p: IdentifyParameters) -> Camera | None:
     """Return the camera as told, None where its field of view is not. Raises ValueError."""
     file = Path(p.camera_file).expanduser() if p.camera_file else None
@@ -183,7 +204,9 @@ def _camera(p: IdentifyParameters) -> Camera | None:
         )
     if p.fov_deg == 0:
         return None
-    cx_px, cy_px = p.principal_point_px
+    cx_px, cy_px = (
+        None if one is None else one + _added_px(p) for one in p.principal_point_px
+    )
     return Camera.from_fov(
         p.fov_deg, p.width_px, p.height_px, parity=p.parity, cx_px=cx_px, cy_px=cy_px,
         tolerance_percent=p.fov_tolerance_percent,
