@@ -4,8 +4,10 @@ import argparse
 import json
 import math
 
-from rich.console import Console
-from rich.table import Table
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 #: One answer as plain values, units in the names.
 Record = dict[str, object]
@@ -62,11 +64,13 @@ def _finite(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def print_result(record: Record, tables: list[Table], as_json: bool) -> None:
+def print_result(record: Record, tables: "list[Table]", as_json: bool) -> None:
     """Print the record for machines or the tables for people."""
     if as_json:
         print(json_text(record, indent=2))
         return
+    from rich.console import Console  # noqa: PLC0415  a node that compiles prints no tables
+
     console = Console()
     for table in tables:
         console.print(table)

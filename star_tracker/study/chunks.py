@@ -219,7 +219,8 @@ def _set_up(contestant: Contestant, told: Told) -> Entrant:
     catalog = told.sky.catalog()
     for false_stars in (0.0, 1.0):
         easy = synthetic_field(
-            catalog, told.camera.definite()[0], random_rotation(rng), rng, false_stars=false_stars
+            catalog, told.camera.definite()[0], random_rotation(rng), rng,
+            Condition(false_stars=false_stars),
         )
         brightness = 10.0 ** (-0.4 * easy.v_mag)
         timed_solve(entrant, Scene(easy.xy_px, brightness, easy.rotation[:, 2]))

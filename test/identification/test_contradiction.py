@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from star_tracker.maps.simulation import random_rotation, synthetic_field
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
@@ -21,7 +21,9 @@ def solved(database, percent, n=30, seed=1):
     )
     for _ in range(n):
         rotation = random_rotation(rng)
-        frame = synthetic_field(database.catalog, CAMERA, rotation, rng, noise_px=NOISE_PX)
+        frame = synthetic_field(
+            database.catalog, CAMERA, rotation, rng, Condition(noise_px=NOISE_PX)
+        )
         yield tracker.solve(frame.xy_px), rotation
 
 

@@ -6,7 +6,7 @@ from engines import CAMERA, frame_of
 
 from star_tracker.compiled import compiled
 from star_tracker.identification.crowd import crowding, no_crowd
-from star_tracker.maps.simulation import random_rotation, synthetic_field, uniform_noise
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field, uniform_noise
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
 
@@ -60,7 +60,9 @@ def test_a_sky_with_a_swarm_of_false_stars_is_solved_as_often_as_without_the_mod
     tracker = StarTracker(database, CAMERA, SolveSettings(method="match_group"))
     rng, solved, possible = np.random.default_rng(5), 0, 0
     for _ in range(30):
-        frame = synthetic_field(database.catalog, CAMERA, random_rotation(rng), rng, noise_px=0.3)
+        frame = synthetic_field(
+            database.catalog, CAMERA, random_rotation(rng), rng, Condition(noise_px=0.3)
+        )
         if len(frame.xy_px) < 7:
             continue
         swarm = rng.uniform(100, 400, 2) + rng.normal(0, 12, (20, 2))
