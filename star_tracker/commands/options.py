@@ -3,7 +3,6 @@
 import argparse
 import json
 import math
-
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -26,6 +25,17 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 def add_json_argument(parser: argparse.ArgumentParser) -> None:
     """Declare the output for machines, which every command has."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
+def add_values(
+    group: argparse._ActionsContainer, *values: tuple[str, float | str, str, str]
+) -> None:
+    """Declare options that have a default: name, default, metavar and what the help says."""
+    for option, default, metavar, text in values:
+        group.add_argument(
+            option, type=type(default), default=default, metavar=metavar,
+            help=f"{text} (%(default)s)",
+        )
 
 
 def add_focal_length_argument(parser: argparse._ActionsContainer, purpose: str) -> None:

@@ -139,7 +139,8 @@ class ImageChunk:
     def solve(self) -> list[Outcomes]:
         """Solve the image; return what became of each contestant."""
         camera = self.image.camera
-        sky = Sky.of_depth_for(self.condition.fov_range_deg(camera)[0])
+        fov_min_deg = self.condition.fov_range_deg(camera)[0]
+        sky = Sky.for_camera(Camera.from_fov(fov_min_deg, camera.width_px, camera.height_px))
         told = Told.of(sky, camera, self.condition, self.deadline_ms)
         return compete(self.contestants, told, [(0, self.image.scene())], self.limit_deg)
 
