@@ -27,7 +27,6 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Header
 
 from msg_adapters.camera_info import info_from_camera
-from msg_adapters.health import report_from_status
 from msg_adapters.point_cloud import Centroids, cloud_from_centroids
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.resources import resource_path
@@ -71,7 +70,7 @@ class Client(Node):
     def _on_health(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == "identify_node: health":
-                self.ready = bool(report_from_status(status)[2]["catalog"])
+                self.ready = not status.message.startswith("starting")
 
     def connected(self, with_info: bool) -> bool:
         """Whether the node listens, speaks and is ready."""

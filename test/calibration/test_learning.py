@@ -38,7 +38,7 @@ def frames(camera, n, *, noise_px=0.3, seed=0, least=10, sky=SKY):
     """n frames (xy, true rotation) of a camera with at least so many stars."""
     rng, found = np.random.default_rng(seed), []
     while len(found) < n:
-        rotation = Rotation.random(rng=rng).as_matrix()
+        rotation = Rotation.from_quat(rng.normal(size=4)).as_matrix()
         frame = synthetic_field(sky, camera, rotation, rng, Condition(noise_px=noise_px))
         if len(frame.xy_px) >= least:
             found.append((frame.xy_px, rotation))
