@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
 #: One answer as plain values, units in the names.
@@ -84,6 +85,17 @@ def print_result(record: Record, tables: "list[Table]", as_json: bool) -> None:
     console = Console()
     for table in tables:
         console.print(table)
+
+
+def bar_console() -> "Console":
+    """Return where a bar of progress is drawn: nowhere but on a terminal.
+
+    rich 13 ends a bar with an empty line, even one that is not drawn.
+    """
+    from rich.console import Console  # noqa: PLC0415
+
+    console = Console(stderr=True)
+    return console if console.is_terminal else Console(stderr=True, quiet=True)
 
 
 def cell(value: object, spec: str) -> str:
