@@ -11,6 +11,7 @@ from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
 
 AREA_PX2 = float(CAMERA.width_px * CAMERA.height_px)
+PATIENT = SolveSettings(method="match_group", deadline_ms=float("inf"))
 
 
 @compiled
@@ -57,7 +58,7 @@ def test_a_crowd_is_found_among_others(sigma_px):
 
 def test_a_sky_with_a_swarm_of_false_stars_is_solved_as_often_as_without_the_model(database):
     """24 of 29 either way: the search begins with stars whose companions are near, the swarm."""
-    tracker = StarTracker(database, CAMERA, SolveSettings(method="match_group", deadline_ms=float("inf")))
+    tracker = StarTracker(database, CAMERA, PATIENT)
     rng, solved, possible = np.random.default_rng(5), 0, 0
     for _ in range(30):
         frame = synthetic_field(
@@ -74,7 +75,7 @@ def test_a_sky_with_a_swarm_of_false_stars_is_solved_as_often_as_without_the_mod
 
 def test_tight_clumps_of_noise_are_not_solved(database):
     """Without the crowd 2 of 100 were."""
-    tracker = StarTracker(database, CAMERA, SolveSettings(method="match_group", deadline_ms=float("inf")))
+    tracker = StarTracker(database, CAMERA, PATIENT)
     rng = np.random.default_rng(6)
     for _ in range(150):
         n, middle = int(rng.integers(25, 41)), rng.uniform(100, 410, 2)
