@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.ladder import LadderStep
-from star_tracker.frame_solution import judged, received, refused, setup_of, solved
+from star_tracker.frame_solution import judged, labelled, received, refused, setup_of
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.escalation import Escalation
 from star_tracker.identification.evidence import ScalePrior
@@ -102,7 +102,7 @@ class AnyCameraTracker:
         mirrors = [] if self._both else [searchers[1] for _, searchers in rungs]
         asked[0].follow(task)
         if asked[0].ended == Ended.SOLVED:
-            return solved(task, asked[0], asked[0].n_hypotheses)
+            return labelled(task, asked[0], asked[0].n_hypotheses)
         return judged(task, Escalation(asked, mirrors, self._limits).run(task))
 
 

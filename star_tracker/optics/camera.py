@@ -121,12 +121,14 @@ class Camera:
         width_px: int,
         height_px: int,
         *,
-        cx_px: float | None = None,
-        cy_px: float | None = None,
+        principal_point_px: tuple[float | None, float | None] = (None, None),
         parity: str = "normal",
         tolerance_percent: float = 0.0,
     ) -> "Camera":
-        """Return a camera without distortion from the field of view across its width (4-16)."""
+        """Return a camera without distortion from the field of view across its width (4-16).
+
+        The principal point is x, y; None for the middle of the image.
+        """
         low, high = FOV_RANGE_DEG
         if not low <= fov_deg <= high:  # also refuses NaN
             raise ValueError(
@@ -134,8 +136,9 @@ class Camera:
                 "give the full angle across the width of the image in degrees"
             )
         focal = width_px / 2 / math.tan(math.radians(fov_deg) / 2)
-        cx = width_px / 2 if cx_px is None else cx_px
-        cy = height_px / 2 if cy_px is None else cy_px
+        cx, cy = principal_point_px
+        cx = width_px / 2 if cx is None else cx
+        cy = height_px / 2 if cy is None else cy
         return cls(
             width_px, height_px, focal, focal, cx, cy, parity, tolerance_percent=tolerance_percent
         )

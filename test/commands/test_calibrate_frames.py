@@ -10,7 +10,7 @@ import yaml
 from star_tracker.calibration.camera_file import read_camera
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.commands import cli
-from star_tracker.maps.simulation import random_rotation, synthetic_field
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
 
@@ -28,7 +28,7 @@ def lists(tmp_path_factory):
     sky = StarCatalog.hipparcos(limiting_magnitude=5.5)
     paths = []
     while len(paths) < 6:
-        frame = synthetic_field(sky, CAMERA, random_rotation(rng), rng, noise_px=0.1)
+        frame = synthetic_field(sky, CAMERA, random_rotation(rng), rng, Condition(noise_px=0.1))
         if len(frame.xy_px) >= 15:
             paths.append(str(folder / f"frame{len(paths)}.csv"))
             np.savetxt(paths[-1], frame.xy_px, delimiter=",", header="x,y", comments="")

@@ -87,10 +87,11 @@ def camera_of(row, **others):
 def example_camera(**changes):
     (row,) = TABLES["The example camera"]
     number = {name: value(cell) for name, cell in row.items()}
-    return Camera.from_fov(
+    camera = Camera.from_fov(
         number["fov_deg"], round(number["width_px"]), round(number["height_px"]),
-        **({"cx_px": number["cx_px"], "cy_px": number["cy_px"]} | changes),
+        principal_point_px=(number["cx_px"], number["cy_px"]),
     )
+    return replace(camera, **changes)
 
 
 def rotation_of(row):

@@ -12,7 +12,7 @@ from solutions import PATIENT, assert_unsolved, record
 from star_tracker.any_camera import AnyCameraTracker
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.spherical import separation
-from star_tracker.maps.simulation import random_rotation, synthetic_field, uniform_noise
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field, uniform_noise
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings, Status
 
@@ -53,7 +53,8 @@ def frames_of(step, fov_deg, n, seed, **options):
     camera, rng, found = Camera.from_fov(fov_deg, 512, 512), np.random.default_rng(seed), []
     while len(found) < n:
         view = synthetic_field(
-            step.database.catalog, camera, random_rotation(rng), rng, noise_px=NOISE_PX, **options
+            step.database.catalog, camera, random_rotation(rng), rng,
+            Condition(noise_px=NOISE_PX, **options),
         )
         if len(view.xy_px) >= 8:
             found.append(view)

@@ -16,7 +16,7 @@ from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.rotation import rotation_from_boresight
-from star_tracker.maps.simulation import synthetic_field, visible_stars
+from star_tracker.maps.simulation import Condition, synthetic_field, visible_stars
 from star_tracker.msg_adapters.camera_info import camera_from_info
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
@@ -76,7 +76,7 @@ def rendered(database, camera):
     """The centroids of the sky in the full image of a camera, pixels."""
     rng = np.random.default_rng(15)
     return synthetic_field(
-        database.catalog, camera, ROTATION, rng, noise_px=NOISE_PX
+        database.catalog, camera, ROTATION, rng, Condition(noise_px=NOISE_PX)
     ).xy_px
 
 

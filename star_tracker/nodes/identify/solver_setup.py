@@ -1,7 +1,7 @@
 """What identify_node works with, made of its parameters as a whole."""
 
 from dataclasses import astuple, dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -80,17 +80,15 @@ class SolverSetup:
             p.max_separation_deg,
         )
 
-    @cached_property
+    @property
     def steps(self) -> tuple[LadderStep, ...]:
         """The databases for a field of view that is not known. Raises ValueError."""
         return self._steps(self.parameters.width_px or 1024, self.parameters.height_px or 1024)
 
     def _steps(self, width_px: int, height_px: int) -> tuple[LadderStep, ...]:
         p = self.parameters
-        return ladder(
-            (p.fov_min_deg, p.fov_max_deg), (width_px, height_px), catalog=p.catalog,
-            epoch=p.epoch, depth=self.depth,
-        )
+        size_px = width_px, height_px
+        return _ladder((p.fov_min_deg, p.fov_max_deg), size_px, p.catalog, p.epoch, self.depth)
 
     def sources(self, camera: Camera | None) -> Sources:
         """Return where a tracker that learns its camera gets its guide stars."""
@@ -177,6 +175,15 @@ class SolverSetup:
         return LearningTracker(own, told, self.settings, parity=self.parameters.parity)
 
 
+@lru_cache(maxsize=2)
+def _ladder(
+    fov_range_deg: tuple[float, float], size_px: tuple[int, int], catalog: str, epoch: float,
+    depth: Depth,
+) -> tuple[LadderStep, ...]:
+    """Return a ladder whose databases stay while other parameters change."""
+    return ladder(fov_range_deg, size_px, catalog=catalog, epoch=epoch, depth=depth)
+
+
 #: Stands for the camera until camera_info has told the true one.
 _TYPICAL = Camera.from_fov(20.0, 1024, 1024)
 
@@ -208,6 +215,6 @@ def _camera(p: IdentifyParameters) -> Camera | None:
         None if one is None else one + _added_px(p) for one in p.principal_point_px
     )
     return Camera.from_fov(
-        p.fov_deg, p.width_px, p.height_px, parity=p.parity, cx_px=cx_px, cy_px=cy_px,
+        p.fov_deg, p.width_px, p.height_px, parity=p.parity, principal_point_px=(cx_px, cy_px),
         tolerance_percent=p.fov_tolerance_percent,
     )
