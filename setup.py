@@ -14,7 +14,8 @@ setup(
     description="Lost-in-space star identification and attitude determination for ROS 2",
     license="Apache-2.0",
     author="star_tracker developers",
-    packages=find_packages(include=["star_tracker*", "msg_adapters*"]),
+    # Among them star_tracker.msg_adapters, through the link to the folder beside this file.
+    packages=find_packages(include=["star_tracker*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", ["data/resource/star_tracker"]),
         (SHARE, ["package.xml"]),

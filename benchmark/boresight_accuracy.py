@@ -24,7 +24,7 @@ from star_tracker.optics.camera import Camera
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.calibration.error_propagation import cramer_rao_covariance
-from star_tracker.maps.simulation import CAMERAS
+from star_tracker.maps.simulation import CAMERAS, Condition
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.geometry.spherical import separation
 from star_tracker.maps.simulation import random_rotation, synthetic_field
@@ -93,7 +93,9 @@ def focal_length(n_frames: int) -> None:
         rng, errors, scaled = np.random.default_rng(SEED), [], []
         start = Camera.from_fov(1.03 * camera.fov_deg, camera.width_px, camera.height_px)
         while len(errors) < n_frames:
-            frame = synthetic_field(catalog, camera, random_rotation(rng), rng, noise_px=1.0)
+            frame = synthetic_field(
+                catalog, camera, random_rotation(rng), rng, Condition(noise_px=1.0)
+            )
             if len(frame.xy_px) < 5:
                 continue
             fit = calibrate(start, frame.xy_px, catalog.vectors[frame.catalog_index])
@@ -133,7 +135,9 @@ def published(n_frames: int) -> None:
         tracker = StarTracker(database, camera, SolveSettings(deadline_ms=math.inf))
         rng, quantile = np.random.default_rng(SEED), []
         while len(quantile) < n_frames:
-            frame = synthetic_field(catalog, camera, random_rotation(rng), rng, noise_px=0.5)
+            frame = synthetic_field(
+                catalog, camera, random_rotation(rng), rng, Condition(noise_px=0.5)
+            )
             solution = tracker.solve(frame.xy_px)
             if solution.status is not Status.SOLVED:
                 continue

@@ -34,10 +34,10 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.health import report_from_status
-from msg_adapters.image import Picture, image_from_picture
-from msg_adapters.stamp import nanoseconds_from_header
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.health import report_from_status
+from star_tracker.msg_adapters.image import Picture, image_from_picture
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
 from node_cost import cpu_s
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.render import render
@@ -151,6 +151,34 @@ def stream(driver: Driver, executor: SingleThreadedExecutor, rate_hz: float, n: 
             executor.spin_once(timeout_sec=left_s)
 
 
+def started(stack: ExitStack, way: str, told: Sequence[str]) -> list[subprocess.Popen[bytes]]:
+    """Start the nodes, which end with the stack, and tell identify_node something."""
+    running = [
+        stack.enter_context(subprocess.Popen([
+            sys.executable, "-m", f"star_tracker.nodes.{module}", "--ros-args", "--log-level",
+            "warn", *([] if module == "centroid_node" else told),
+        ])) for module in WAYS[way]
+    ]
+    for process in running:
+        stack.callback(process.terminate)
+    return running
+
+
+def warm_up(driver: Driver, executor: SingleThreadedExecutor) -> None:
+    """Send the first images, which wait for compiled code and do not count."""
+    spin_until(executor, lambda: driver.connected, "the nodes do not listen")
+    while len(driver.latency_ms) < _WARM_UP:
+        stream(driver, executor, 5.0, 1)
+    spin_until(executor, lambda: driver.solutions >= {max(driver.sent)}, "no last answer")
+
+
+def dropped_by_now(driver: Driver, executor: SingleThreadedExecutor) -> int:
+    """Return how many images the nodes say they dropped, in reports that began from now on."""
+    seen = driver.n_reports
+    spin_until(executor, lambda: driver.n_reports > seen + 1, "no report")
+    return driver.dropped
+
+
 def measure(way: str, name: str, options: argparse.Namespace) -> str:
     """Run the nodes on a stream and return its line of the table."""
     sky, encoding = STREAMS[name]
@@ -159,36 +187,21 @@ def measure(way: str, name: str, options: argparse.Namespace) -> str:
     if options.exact:
         told += ["-p", "camera_info_tolerance_percent:=0.0"]
     with ExitStack() as stack:
-        running = [
-            stack.enter_context(subprocess.Popen([
-                sys.executable, "-m", f"star_tracker.nodes.{module}", "--ros-args", "--log-level",
-                "warn", *([] if module == "centroid_node" else told),
-            ])) for module in WAYS[way]
-        ]
-        for process in running:
-            stack.callback(process.terminate)
+        running = started(stack, way, told)
         rclpy.init()
         stack.callback(rclpy.try_shutdown)
         driver, executor = Driver(*images), SingleThreadedExecutor()
         executor.add_node(driver)
         stack.callback(driver.destroy_node)
-        spin_until(executor, lambda: driver.connected, "the nodes do not listen")
-        # The first images wait for compiled code; they do not count.
-        while len(driver.latency_ms) < _WARM_UP:
-            stream(driver, executor, 5.0, 1)
-        spin_until(executor, lambda: driver.solutions >= {max(driver.sent)}, "no last answer")
-        warm = set(driver.sent)
-        seen = driver.n_reports
-        spin_until(executor, lambda: driver.n_reports > seen + 1, "no report")
-        dropped = driver.dropped
-        before, started = sum(cpu_s(p.pid) for p in running), time.monotonic()
+        warm_up(driver, executor)
+        warm, dropped = set(driver.sent), dropped_by_now(driver, executor)
+        before, begun = sum(cpu_s(p.pid) for p in running), time.monotonic()
         stream(driver, executor, sky.rate_hz, round(options.seconds * sky.rate_hz))
-        cpu = 100 * (sum(cpu_s(p.pid) for p in running) - before) / (time.monotonic() - started)
-        seen = driver.n_reports
-        spin_until(executor, lambda: driver.n_reports > seen + 1, "no report")
+        cpu = 100 * (sum(cpu_s(p.pid) for p in running) - before) / (time.monotonic() - begun)
+        n_dropped = dropped_by_now(driver, executor) - dropped
         sent = set(driver.sent) - warm
         latency = [driver.latency_ms[stamp] for stamp in sent if stamp in driver.latency_ms]
-        n_dropped, answered = driver.dropped - dropped, len(driver.solutions & sent)
+        answered = len(driver.solutions & sent)
     p50, p95 = np.percentile(latency, [50, 95])
     return (
         f"{name:<20} {way:<16} {len(sent):5d} {answered:8d} {len(latency):6d} {n_dropped:7d} "

@@ -27,7 +27,7 @@ from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.ladder import ladder
 from star_tracker.geometry.spherical import Floats
-from star_tracker.maps.simulation import CAMERAS, random_rotation, synthetic_field
+from star_tracker.maps.simulation import CAMERAS, Condition, random_rotation, synthetic_field
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
@@ -45,7 +45,9 @@ def fields(
     """Yield centroids and true rotations of `n` frames of exactly so many stars."""
     rng = np.random.default_rng(1000 * n_stars + int(10 * noise_px))
     while n:
-        frame = synthetic_field(catalog, camera, random_rotation(rng), rng, noise_px=noise_px)
+        frame = synthetic_field(
+            catalog, camera, random_rotation(rng), rng, Condition(noise_px=noise_px)
+        )
         if len(frame.xy_px) >= n_stars:
             n -= 1
             yield rng.permutation(frame.xy_px)[:n_stars], frame.rotation

@@ -19,7 +19,7 @@ import numpy as np
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from msg_adapters.markers import markers_from_solution
+from star_tracker.msg_adapters.markers import markers_from_solution
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.figures.field_labels import annotation, put_labels

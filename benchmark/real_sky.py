@@ -14,7 +14,6 @@ import os
 import sys
 import time
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported
@@ -24,7 +23,6 @@ import numpy as np
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.detection.centroids import Centroids
 from star_tracker.detection.detect import detect_stars
@@ -37,8 +35,6 @@ from star_tracker.tracker import StarTracker
 RIGHT_DEG = 0.1
 #: A centroid this near to a known star is that star.
 MATCH_PX = 1.5
-#: Limiting magnitude that puts some 25 to 60 guide stars into fields up to a width, deg.
-_DEPTHS = ((11.0, 7.5), (15.0, 7.0), (30.0, 6.0), (45.0, 5.5), (np.inf, 5.0))
 
 
 @dataclass(frozen=True)
@@ -61,17 +57,6 @@ class Row:
         if self.name.startswith("negative"):
             return not solved
         return solved and self.error_deg < RIGHT_DEG
-
-
-@cache
-def database(limiting_magnitude: float) -> FeatureDatabase:
-    """Return the guide stars to a magnitude."""
-    return FeatureDatabase.build(StarCatalog.hipparcos(limiting_magnitude=limiting_magnitude))
-
-
-def limiting_magnitude(fov_deg: float) -> float:
-    """Return the depth of the catalogue that suits a field of view."""
-    return next(depth for width, depth in _DEPTHS if fov_deg < width)
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
@@ -99,7 +84,7 @@ def run(folder: Path, name: str, truth: dict[str, str] | None, repeat: int) -> R
     fov = float(truth["fov_width_deg"]) if truth else 14.25
     camera = Camera.from_fov(fov, image.shape[1], image.shape[0])
     tracker = StarTracker(
-        database(limiting_magnitude(fov)), camera,
+        FeatureDatabase.for_camera(camera, with_patterns=False), camera,
         SolveSettings(method="match_group", deadline_ms=5000.0),
     )
     solution = tracker.solve(centroids.xy_px, centroids.flux)

@@ -37,7 +37,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from msg_adapters.point_cloud import Centroids, cloud_from_centroids
+from star_tracker.msg_adapters.point_cloud import Centroids, cloud_from_centroids
 from star_tracker.maps.star_map import paper_maps
 
 RATE_HZ, FAULTY = 50.0, 0.05

@@ -13,13 +13,12 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("star_tracker", "msg_adapters")
+PACKAGE = "star_tracker"
 
 
 def folder_of(module: str) -> str:
     """Return the folder of a dotted module name, or the module itself where it is at the top."""
-    package, _, rest = module.partition(".")
-    return rest.partition(".")[0] if package == "star_tracker" else package
+    return module.removeprefix(f"{PACKAGE}.").partition(".")[0]
 
 
 def names_imported(tree: ast.AST) -> set[str]:
@@ -35,7 +34,9 @@ def read(checkout: Path) -> tuple[dict[str, int], dict[str, set[str]]]:
     """Return the number of lines of each folder, and the folders that it imports."""
     lines: dict[str, int] = {}
     imports: dict[str, set[str]] = {}
-    sources = [path for package in PACKAGES for path in (checkout / package).rglob("*.py")]
+    # The adapters are linked into the package, and a search does not follow links.
+    roots = (checkout / PACKAGE, checkout / "msg_adapters")
+    sources = [path for root in roots for path in root.rglob("*.py")]
     for source in sorted(sources):
         text = source.read_text(encoding="utf-8")
         module = ".".join(source.relative_to(checkout).with_suffix("").parts)
@@ -45,7 +46,7 @@ def read(checkout: Path) -> tuple[dict[str, int], dict[str, set[str]]]:
         lines[folder] = lines.get(folder, 0) + text.count("\n")
         found = {
             folder_of(name) for name in names_imported(ast.parse(text))
-            if name.partition(".")[0] in PACKAGES
+            if name.startswith(f"{PACKAGE}.")
         }
         imports.setdefault(folder, set()).update(found - {folder, "__init__"})
     return lines, {folder: found & set(lines) for folder, found in imports.items()}

@@ -71,12 +71,16 @@ def _grid(camera: Camera, _: StarCatalog, rng: np.random.Generator) -> Troubled:
 
 def _other_stars(camera: Camera, catalog: StarCatalog, rng: np.random.Generator) -> Troubled:
     """A sky of as many stars, that is not ours: the field turned star by star about itself."""
-    frame = synthetic_field(catalog, camera, random_rotation(rng), rng, noise_px=_NOISE_PX)
+    frame = synthetic_field(
+        catalog, camera, random_rotation(rng), rng, Condition(noise_px=_NOISE_PX)
+    )
     n = len(frame.xy_px)
     # The same magnitudes and density, other places: each quadrant is another part of the sky.
     xy = np.empty((0, 2))
     for quadrant in range(4):
-        part = synthetic_field(catalog, camera, random_rotation(rng), rng, noise_px=_NOISE_PX)
+        part = synthetic_field(
+            catalog, camera, random_rotation(rng), rng, Condition(noise_px=_NOISE_PX)
+        )
         side = np.array([quadrant % 2, quadrant // 2])
         size = np.array([camera.width_px, camera.height_px])
         mine = np.all((part.xy_px // (size / 2)).astype(int) == side, axis=1)
@@ -88,7 +92,7 @@ def _other_stars(camera: Camera, catalog: StarCatalog, rng: np.random.Generator)
 def _mirror(camera: Camera, catalog: StarCatalog, rng: np.random.Generator) -> Troubled:
     """A true sky in a mirror, for a camera that is said not to have one."""
     seen = synthetic_field(
-        catalog, camera, random_rotation(rng), rng, noise_px=_NOISE_PX
+        catalog, camera, random_rotation(rng), rng, Condition(noise_px=_NOISE_PX)
     ).xy_px
     return Troubled(seen * (1, -1) + (0, camera.height_px), None)
 
@@ -96,7 +100,9 @@ def _mirror(camera: Camera, catalog: StarCatalog, rng: np.random.Generator) -> T
 def _scale(camera: Camera, catalog: StarCatalog, rng: np.random.Generator) -> Troubled:
     """A field of view that is up to 10 % another than was told."""
     true = camera.scaled(1 + rng.uniform(-0.1, 0.1))
-    frame = synthetic_field(catalog, true, random_rotation(rng), rng, noise_px=_NOISE_PX)
+    frame = synthetic_field(
+        catalog, true, random_rotation(rng), rng, Condition(noise_px=_NOISE_PX)
+    )
     return Troubled(frame.xy_px, frame.rotation)
 
 
@@ -104,14 +110,17 @@ def _lens(camera: Camera, catalog: StarCatalog, rng: np.random.Generator) -> Tro
     """A lens that bends, of which nothing was told."""
     bent = Distortion("plumb_bob", (float(rng.uniform(-0.3, 0.1)), 0.0, 0.0, 0.0, 0.0))
     frame = synthetic_field(
-        catalog, replace(camera, distortion=bent), random_rotation(rng), rng, noise_px=_NOISE_PX
+        catalog, replace(camera, distortion=bent), random_rotation(rng), rng,
+        Condition(noise_px=_NOISE_PX),
     )
     return Troubled(frame.xy_px, frame.rotation)
 
 
 def _planets(camera: Camera, catalog: StarCatalog, rng: np.random.Generator) -> Troubled:
     """Up to five planets near one line, as the ecliptic has them, among the stars."""
-    frame = synthetic_field(catalog, camera, random_rotation(rng), rng, noise_px=_NOISE_PX)
+    frame = synthetic_field(
+        catalog, camera, random_rotation(rng), rng, Condition(noise_px=_NOISE_PX)
+    )
     start, end = uniform_noise(camera, 2, rng)
     along = rng.random((int(rng.integers(1, 6)), 1))
     return Troubled(np.concatenate([frame.xy_px, start + along * (end - start)]), frame.rotation)

@@ -69,7 +69,7 @@ nitpick_ignore_regex = [
     ("py:class", "Node"),  # of rclpy, imported where it is used only
     ("py:class", "Client"),  # of distributed, in the same way
     # Type variables and other names of a module's own.
-    ("py:.*", r"(star_tracker|msg_adapters)\.(\w+\.)*_\w+"),
+    ("py:.*", r"star_tracker\.(\w+\.)*_\w+"),
 ]
 
 #: Pages whose text stands elsewhere in the checkout.
@@ -131,8 +131,7 @@ def list_modules(app, docname, source):
     if folder == "top":
         paths = CHECKOUT.glob("star_tracker/[!_]*.py")
     else:
-        inside = CHECKOUT / "star_tracker" / folder
-        paths = (inside if inside.is_dir() else CHECKOUT / folder).rglob("*.py")
+        paths = (CHECKOUT / "star_tracker" / folder).rglob("*.py")
     names = [".".join(path.relative_to(CHECKOUT).with_suffix("").parts) for path in paths]
     for name in sorted(name.removesuffix(".__init__") for name in names):
         source[0] += f"\n## {name}\n\n```{{eval-rst}}\n.. automodule:: {name}\n```\n"

@@ -10,7 +10,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from star_tracker.nodes.launch_arguments import files, pixels, switch
+from star_tracker.nodes.launch_arguments import files, pixels, quality, resolved, switch
 
 ARGUMENTS = {
     "image": ("image", "topic of the images; of compressed ones, without /compressed"),
@@ -19,6 +19,13 @@ ARGUMENTS = {
     "width_px": ("", "image width, where use_camera_info is false; empty = as in the file"),
     "height_px": ("", "image height, likewise"),
     "image_transport": ("raw", "raw or compressed"),
+    "image_reliability": (
+        "", "of the subscription: reliable or best_effort; empty = any driver's"
+    ),
+    "camera_info_durability": (
+        "", "of the subscription: volatile or transient_local; empty = any driver's"
+    ),
+    "centroids_reliability": ("", "reliable or best_effort; empty = reliable, or as in the file"),
     "params_file": ("", "parameters of both nodes, a YAML file; empty = the nodes' defaults"),
     "namespace": ("", "in front of all topics but /diagnostics"),
     "composed": ("true", "both nodes in one process: centroids are handed over in memory"),
@@ -48,7 +55,22 @@ def parameters(told: dict[str, str]) -> tuple[list[object], list[object]]:
     if told["log_frames"]:
         identify["log_frames"] = switch("log_frames", told["log_frames"])
     centroid = {**common, "image_transport": told["image_transport"]}
+    image, info, centroids = (
+        resolved(told["namespace"], name)
+        for name in (image_topic(told), told["camera_info"], "centroids")
+    )
+    for node, name, topic in (
+        (centroid, "image_reliability", f"{image}.subscription"),
+        (identify, "camera_info_durability", f"{info}.subscription"),
+        (centroid, "centroids_reliability", f"{centroids}.publisher"),
+    ):
+        node.update(quality(name, told[name], topic))
     return [origin, *file, centroid], [*file, identify]
+
+
+def image_topic(told: dict[str, str]) -> str:
+    """Return the topic on which images come."""
+    return told["image"] + ("/compressed" if told["image_transport"] == "compressed" else "")
 
 
 def start(context: LaunchContext) -> list[Node]:

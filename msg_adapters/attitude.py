@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from msg_adapters.message_class import message_class
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.earth.attitude import EarthAttitude
 from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters.message_class import message_class
 
 if TYPE_CHECKING:
     import geometry_msgs.msg

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from msg_adapters import MessageError, shown
-from msg_adapters.message_class import message_class
+from star_tracker.msg_adapters import MessageError, shown
+from star_tracker.msg_adapters.message_class import message_class
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import MODELS, Distortion
 

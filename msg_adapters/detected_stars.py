@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters import MessageError
-from msg_adapters.point_cloud import cloud_from_points, points_from_cloud
 from star_tracker.detection.centroids import Centroids
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.point_cloud import cloud_from_points, points_from_cloud
+from star_tracker.optics.camera import PIXEL_ORIGINS
 
 if TYPE_CHECKING:
     import sensor_msgs.msg
@@ -18,9 +19,6 @@ DETECTED_DTYPE = np.dtype([
     ("x", "<f8"), ("y", "<f8"), ("intensity", "<f4"), ("snr", "<f4"), ("peak", "<f4"),
     ("flags", "u1"),
 ], align=True)
-#: Where a message's pixel coordinates are counted from, and what a detector's are then less by,
-#: px: the detector counts from the outer corner of the first pixel, CameraInfo from its middle.
-PIXEL_ORIGINS = {"center": 0.5, "corner": 0.0}
 
 
 def cloud_from_detected(
@@ -31,7 +29,8 @@ def cloud_from_detected(
     Args:
         stars: what was detected.
         header: that of the image.
-        pixel_origin: where the message counts pixels from, of `PIXEL_ORIGINS`.
+        pixel_origin: where the message counts pixels from, of `PIXEL_ORIGINS`; the detector counts
+            from the outer corner of the first one.
     """
     points = np.zeros(len(stars), DETECTED_DTYPE)
     points["x"] = stars.x_px - PIXEL_ORIGINS[pixel_origin]

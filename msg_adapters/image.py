@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters import MessageError, shown
-from msg_adapters.message_class import message_class
 from star_tracker.detection.image import BAYER_PATTERNS, MAX_PIXELS
+from star_tracker.msg_adapters import MessageError, shown
+from star_tracker.msg_adapters.message_class import message_class
 from star_tracker.offline.image_file import decode_image, encode_png
 
 if TYPE_CHECKING:

@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from msg_adapters.message_class import message_class
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.earth.attitude import EarthAttitude
 from star_tracker.geometry.rotation import rotation_matrix
 from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters.message_class import message_class
 
 if TYPE_CHECKING:
     import sensor_msgs.msg

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_adapters import MessageError, shown
-from msg_adapters.centroids import Centroids
-from msg_adapters.message_class import message_class
 from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters import MessageError, shown
+from star_tracker.msg_adapters.centroids import Centroids
+from star_tracker.msg_adapters.message_class import message_class
 
 if TYPE_CHECKING:
     import sensor_msgs.msg

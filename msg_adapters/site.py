@@ -3,8 +3,8 @@
 import math
 from typing import TYPE_CHECKING
 
-from msg_adapters import MessageError
 from star_tracker.earth.site import Site
+from star_tracker.msg_adapters import MessageError
 
 if TYPE_CHECKING:
     import sensor_msgs.msg

@@ -1,15 +1,18 @@
-"""Solution -> DiagnosticArray of one status, and back to plain key-value text."""
+"""Solution -> DiagnosticArray of one status and back to plain key-value text; and for plots."""
 
 from typing import TYPE_CHECKING
 
-from msg_adapters import MessageError
-from msg_adapters.message_class import message_class
 from star_tracker.identification.labels import StarState
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.message_class import message_class
 from star_tracker.solution import Solution, Status
 
 if TYPE_CHECKING:
     import diagnostic_msgs.msg
     import std_msgs.msg
+
+#: What `quality_from_solution` may give.
+QUALITIES = ("log10_false_alarms", "matched", "rms_px", "solve_ms")
 
 
 def diagnostics_from_solution(
@@ -33,7 +36,7 @@ def diagnostics_from_solution(
         "method": solution.method,
         "mode": solution.mode,
         "parity": solution.parity,
-        "matched": int((state == StarState.IDENTIFIED).sum()),
+        "matched": _n_matched(solution),
         "displaced": int((state == StarState.DISPLACED).sum()),
         "total": len(state),
         "ignored": solution.n_ignored,
@@ -48,6 +51,24 @@ def diagnostics_from_solution(
         values=[pair_class(key=key, value=str(value)) for key, value in values.items()],
     )
     return message_class("diagnostic_msgs/DiagnosticArray")(header=header, status=[status])
+
+
+def quality_from_solution(solution: Solution) -> dict[str, "std_msgs.msg.Float64"]:
+    """Write the numbers of a frame by their names, each as a message that any plot can draw.
+
+    A frame without an attitude has matched 0 stars and has its time; there is no residual and no
+    evidence of it.
+    """
+    values = {"matched": _n_matched(solution), "solve_ms": solution.solve_ms}
+    if solution.attitude is not None:
+        values["rms_px"] = solution.rms_px
+        values["log10_false_alarms"] = solution.log10_false_alarms
+    number_class = message_class("std_msgs/Float64")
+    return {name: number_class(data=float(value)) for name, value in values.items()}
+
+
+def _n_matched(solution: Solution) -> int:
+    return int((solution.identification.state == StarState.IDENTIFIED).sum())
 
 
 def values_from_diagnostics(message: "diagnostic_msgs.msg.DiagnosticArray") -> dict[str, str]:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msg_adapters import MessageError, shown
 from star_tracker.geometry.rotation import rotation_matrix, write_quaternion
 from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters import MessageError, shown
 
 if TYPE_CHECKING:
     import std_msgs.msg

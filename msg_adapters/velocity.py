@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from msg_adapters import MessageError, shown
 from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters import MessageError, shown
 
 if TYPE_CHECKING:
     import geometry_msgs.msg

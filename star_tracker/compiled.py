@@ -27,7 +27,7 @@ from numba.core import config as numba_config
 from numba.core import types
 from numba.experimental import structref
 
-from star_tracker.resources import cache_folder, sources_digest
+from star_tracker.resources import cache_folder, place_digest, sources_digest
 
 #: No exceptions for divisions by zero: what is divided by is checked where it can be zero. Nobody
 #: calls the functions from C: without that wrapper they compile faster.
@@ -98,8 +98,12 @@ def mark_warm() -> None:
 
 
 def _mark() -> str:
-    """Name what machine code depends on besides the sources."""
-    return f"all-{sys.implementation.cache_tag}-{numba.__version__}-{get_host_cpu_name()}"
+    """Name what machine code depends on besides the sources, and whose it is.
+
+    numba keeps that of each copy of the sources apart: a checkout's and an installed package's.
+    """
+    made_by = f"{sys.implementation.cache_tag}-{numba.__version__}-{get_host_cpu_name()}"
+    return f"all-{made_by}-{place_digest()}"
 
 
 def _named_folder() -> Path | None:

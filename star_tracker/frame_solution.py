@@ -115,7 +115,7 @@ def refused(task: Task, searcher: Searcher) -> Solution:
 def judged(task: Task, verdict: Verdict) -> Solution:
     """Return the solution of a frame about which there is a verdict."""
     if verdict.ended == Ended.SOLVED:
-        return solved(task, verdict.best, verdict.n_hypotheses)
+        return labelled(task, verdict.best, verdict.n_hypotheses)
     return _unsolved(task, _STATUS[verdict.ended], verdict.reason, verdict)
 
 
@@ -129,8 +129,8 @@ def _unsolved(task: Task, status: Status, reason: str, verdict: Verdict) -> Solu
     )
 
 
-def solved(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
-    """Return the solution of a labelled frame."""
+def labelled(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
+    """Return the solution of a labelled frame: none where its stars contradict the camera told."""
     labels, results = task.all_labels, searcher.results
     (
         n_usable, ra, dec, roll, rms_px, scale, variance_px2, scale_variance, wrong_probability,

@@ -80,9 +80,22 @@ def sources_digest(*more: str) -> str:
     """
     package = Path(__file__).resolve().parent
     digest = sha256()
-    for source in [package / "compiled.py"] + [
-        source for room in COMPILED_ROOMS for source in sorted((package / room).rglob("*.py"))
-    ] + [package / one for one in more]:
+    for source in [*_compiled_sources(package), *(package / one for one in more)]:
         digest.update(source.relative_to(package).as_posix().encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def place_digest() -> str:
+    """Name where the compiled sources lie and when they were written: numba goes by these too."""
+    digest = sha256()
+    for source in _compiled_sources(Path(__file__).resolve().parent):
+        digest.update(f"{source} {source.stat().st_mtime}\n".encode())
+    return digest.hexdigest()[:8]
+
+
+def _compiled_sources(package: Path) -> list[Path]:
+    """Return what compiled code is made of, in an order that is the same everywhere."""
+    return [package / "compiled.py"] + [
+        source for room in COMPILED_ROOMS for source in sorted((package / room).rglob("*.py"))
+    ]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.frame_solution import judged, received, refused, setup_of, solved
+from star_tracker.frame_solution import judged, labelled, received, refused, setup_of
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification import fallback
 from star_tracker.identification.ended import Ended
@@ -88,10 +88,10 @@ class StarTracker:
         task = received(xy_px, intensity, deadline_ms, self.settings)
         first = self._first
         if predicted is not None and self._track(task, predicted):
-            return solved(task, first, 0)
+            return labelled(task, first, 0)
         first.follow(task)
         if first.ended == Ended.SOLVED:  # nearly every frame
-            return solved(task, first, first.n_hypotheses)
+            return labelled(task, first, first.n_hypotheses)
         if first.ended == Ended.TOO_FEW:
             return refused(task, first)
         return judged(task, self._escalation.run(task))

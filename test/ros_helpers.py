@@ -25,8 +25,8 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from waiting import longest_s
 
-from msg_adapters.point_cloud import Centroids, cloud_from_centroids, stars_from_cloud
-from msg_adapters.solution import values_from_diagnostics
+from star_tracker.msg_adapters.point_cloud import Centroids, cloud_from_centroids, stars_from_cloud
+from star_tracker.msg_adapters.solution import values_from_diagnostics
 
 #: What most tests tell identify_node: the paper's stars and a camera that needs no learning.
 PAPER_CAMERA = {

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from msg_adapters import MessageError
-from msg_adapters.detected_stars import PIXEL_ORIGINS
-from msg_adapters.image import Picture, picture_from_compressed, picture_from_image
-from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.bags.reading import BagFrame, DamagedBagError
 from star_tracker.bags.topics import CENTROIDS, COMPRESSED
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.detect import detect_stars
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.image import Picture, picture_from_compressed, picture_from_image
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.offline.frame_file import FileFrame
 from star_tracker.offline.spreading import Spread
+from star_tracker.optics.camera import PIXEL_ORIGINS
 
 
 @dataclass(frozen=True)
@@ -29,13 +29,15 @@ class Reading:
         path: of the bag.
         detect: of the detector.
         bayer: pattern of raw images whose encoding does not tell it.
-        from_center: whether pixels are counted as CameraInfo counts them.
+        from_center: whether pixels of images are counted as CameraInfo counts them.
+        added_px: what is added to listed centroids, so that they are counted as the camera is.
     """
 
     path: Path
     detect: DetectSettings
     bayer: str = ""
     from_center: bool = False
+    added_px: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,10 @@ def _read(reading: Reading, frame: BagFrame | DamagedBagError) -> ReadFrame | Da
 
 def _listed(reading: Reading, frame: BagFrame) -> FileFrame:
     centroids = centroids_from_cloud(frame.message)
-    return FileFrame(reading.path, (0, 0), centroids.xy_px, centroids.intensity, 0.0)
+    return FileFrame(
+        reading.path, (0, 0), centroids.xy_px + reading.added_px, centroids.intensity, 0.0,
+        added_px=reading.added_px,
+    )
 
 
 def _detected(reading: Reading, frame: BagFrame) -> FileFrame:

@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from functools import cache
 
-from msg_adapters.attitude import boresight_from_attitude, quaternion_from_attitude
-from msg_adapters.imu import imu_from_attitude
-from msg_adapters.point_cloud import cloud_from_identification
-from msg_adapters.solution import diagnostics_from_solution
 from star_tracker.bags.reading import BagFrame
 from star_tracker.bags.writing import BagWriter
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.identification.labels import Identification
+from star_tracker.msg_adapters.attitude import boresight_from_attitude, quaternion_from_attitude
+from star_tracker.msg_adapters.imu import imu_from_attitude
+from star_tracker.msg_adapters.point_cloud import cloud_from_identification
+from star_tracker.msg_adapters.solution import diagnostics_from_solution
 from star_tracker.offline.solving import Result
 from star_tracker.solution import Solution, Status
 
@@ -52,8 +52,9 @@ def write_result(writer: BagWriter, frame: BagFrame, result: Result) -> None:
         messages["/imu"] = imu_from_attitude(solution.attitude, image)
     messages["/solution"] = diagnostics_from_solution(solution, _NAME, image)
     if result.frame is not None:
+        catalog = solution.catalog or _any_catalog()
         messages["/identified_stars"] = cloud_from_identification(
-            solution.identification, result.frame.xy_px, solution.catalog or _any_catalog(), image
+            solution.identification, result.frame.told_px, catalog, image
         )
     for topic, message in messages.items():
         writer.write(topic, message, frame.logged_ns)

@@ -4,16 +4,15 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, is_dataclass
-from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from msg_adapters import MessageError
-from msg_adapters.camera_info import camera_from_info
-from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.bags.message_types import require_rosbags
 from star_tracker.bags.topics import CAMERA_INFO, frames_topic, info_topic
+from star_tracker.msg_adapters import MessageError, shown
+from star_tracker.msg_adapters.camera_info import camera_from_info
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.optics.camera import Camera
 
 #: Endings of bags that are one file, beside folders with a file of metadata.
@@ -69,7 +68,8 @@ class Announced:
     """The cameras that CameraInfo tells, by stamp; a frame gets its own, or the last one before.
 
     As with identify_node: of CameraInfo with a frame's stamp the last one holds, else the newest
-    that is not younger; one camera for all serves frames of any stamp.
+    that is not younger; one camera for all serves frames of any stamp. Where CameraInfo has
+    several frame_id, those of the frame's own hold.
 
     Args:
         messages: CameraInfo in the order of their recording.
@@ -77,7 +77,7 @@ class Announced:
     """
 
     def __init__(self, messages: Sequence[Any], parity: str) -> None:
-        cameras: list[tuple[int, Camera]] = []
+        self._of: dict[str, list[tuple[int, Camera]]] = {}
         self.refused, self.size_px = "", (0, 0)
         for message in messages:
             size = int(message.width), int(message.height)
@@ -87,24 +87,33 @@ class Announced:
             except MessageError as error:
                 self.refused = str(error)
                 continue
-            cameras.append((nanoseconds_from_header(message.header), camera))
-        cameras.sort(key=lambda pair: pair[0])  # stable: of equal stamps the last stays last
-        self._stamps = [stamp for stamp, _ in cameras]
-        self._cameras = [camera for _, camera in cameras]
+            told = self._of.setdefault(str(message.header.frame_id), [])
+            told.append((nanoseconds_from_header(message.header), camera))
+        for cameras in self._of.values():
+            cameras.sort(key=_stamp)  # stable: of equal stamps the last stays last
 
     def __bool__(self) -> bool:
-        return bool(self._cameras)
+        return bool(self._of)
 
-    def at(self, stamp_ns: int) -> Camera | None:
-        """Return the camera of a frame, None where it is not told."""
-        i = bisect_right(self._stamps, stamp_ns)
-        return self._cameras[i - 1] if i else self._only
+    def at(self, stamp_ns: int, frame_id: str) -> Camera:
+        """Return the camera of a frame. Raises ValueError with the reason why there is none."""
+        if len(self._of) > 1 and frame_id not in self._of:
+            raise ValueError(
+                f"the CameraInfo have frame_id {', '.join(map(shown, sorted(self._of)))}, this "
+                f"frame has {shown(frame_id)}: give the camera with --camera or --fov-deg"
+            )
+        cameras = self._of[frame_id if len(self._of) > 1 else next(iter(self._of))]
+        i = bisect_right(cameras, stamp_ns, key=_stamp)
+        if i == 0 and any(camera != cameras[0][1] for _, camera in cameras):
+            raise ValueError(
+                "all CameraInfo are younger than this frame, and not of one camera: give the "
+                "camera with --camera or --fov-deg"
+            )
+        return cameras[max(i - 1, 0)][1]
 
-    @cached_property
-    def _only(self) -> Camera | None:
-        """The camera, if all that were announced are the same."""
-        first = self._cameras[:1]
-        return first[0] if first and all(one == first[0] for one in self._cameras) else None
+
+def _stamp(told: tuple[int, Camera]) -> int:
+    return told[0]
 
 
 class Bag:

@@ -3,20 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.centroids import Centroids
-from msg_adapters.detected_stars import PIXEL_ORIGINS
-from msg_adapters.image import Picture, image_from_picture
-from msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.bags.writing import BagWriter
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.render import render
 from star_tracker.detection.render_settings import RenderSettings
 from star_tracker.maps.star_map import StarMap
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.centroids import Centroids
+from star_tracker.msg_adapters.image import Picture, image_from_picture
+from star_tracker.msg_adapters.point_cloud import cloud_from_centroids
+from star_tracker.optics.camera import PIXEL_ORIGINS
 
 #: Stamp of the first frame: 2000-01-01, 00:00 UTC.
 START_NS = 946_684_800_000_000_000
-_CENTER_PX = PIXEL_ORIGINS["center"]
 _INFO, _CENTROIDS, _IMAGE = "/camera_info", "/centroids", "/image"
 
 
@@ -61,9 +60,7 @@ def record_maps(writer: BagWriter, maps: Sequence[StarMap], recording: Recording
             continue
         settings = replace(recording.rendered, seed=recording.rendered.seed + i)
         picture = _rendered(star_map, catalog, settings)
-        counted = replace(
-            camera, cx_px=camera.cx_px - _CENTER_PX, cy_px=camera.cy_px - _CENTER_PX
-        )
+        counted = camera.moved(-PIXEL_ORIGINS["center"])
         writer.write(_INFO, info_from_camera(counted, header), stamp_ns)
         encoding = "mono8" if picture.pixels.dtype.itemsize == 1 else "mono16"
         writer.write(_IMAGE, image_from_picture(picture, encoding, header), stamp_ns)

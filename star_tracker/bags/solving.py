@@ -64,8 +64,10 @@ class BagSolver:
         read any further.
         """
         bag, asked = self._bag, self._asked
+        with_info = self._announced is not None
         reading = Reading(
-            bag.path, asked.detect, asked.bayer, from_center=self._announced is not None
+            bag.path, asked.detect, asked.bayer, from_center=with_info,
+            added_px=0.0 if with_info else asked.added_px,
         )
         for read in read_frames(bag.frames(), bag.kind, reading, spread):
             yield read.bag_frame, self._result(read)
@@ -77,22 +79,17 @@ class BagSolver:
         if isinstance(found, ValueError):
             return Result(path, None, None, f"{where}: {found}", place)
         try:
-            camera = self._camera(found, at.stamp_ns)
+            camera = self._camera(found, at)
             frame = self._sized(found, camera)
             return Result(path, frame, self._solution(frame, camera, at.stamp_ns), "", place)
         except ValueError as error:
             return Result(path, None, None, f"{where}: {error}", place)
 
-    def _camera(self, frame: FileFrame, stamp_ns: int) -> Camera | None:
+    def _camera(self, frame: FileFrame, at: BagFrame) -> Camera | None:
         """Return the camera of a frame, None for any. Raises ValueError where it is not clear."""
         if self._announced is None:
             return self._asked.told(frame.size_px if any(frame.size_px) else self._size_px)
-        camera = self._announced.at(stamp_ns)
-        if camera is None:
-            raise ValueError(
-                "all CameraInfo are younger than this frame, and not of one camera: give the "
-                "camera with --camera or --fov-deg"
-            )
+        camera = self._announced.at(at.stamp_ns, at.frame_id)
         return replace(camera, tolerance_percent=_INFO_TOLERANCE_PERCENT)
 
     def _sized(self, frame: FileFrame, camera: Camera | None) -> FileFrame:

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-from msg_adapters.message_class import classes_from
 from star_tracker.bags.message_types import BagTypes, long_name
+from star_tracker.msg_adapters.message_class import classes_from
 
 #: Storages, and the endings of their files.
 STORAGES = {"mcap": ".mcap", "sqlite3": ".db3"}

@@ -120,14 +120,6 @@ class CameraEstimator:
             self._sigma_px, self._n_frames, self._n_left_out,
         )
 
-    def add(self, xy_px: Floats, star_vectors: Floats) -> bool:
-        """Take in a frame: identified centroids (n, 2) and their stars (n, 3), ICRS.
-
-        Returns whether it agreed with what is known and was used.
-        """
-        fit = self._fit(xy_px, star_vectors)
-        return self._take(fit, xy_px, star_vectors)
-
     def add_frame(
         self, xy_px: Floats, guides: Floats, seeds: tuple[Index, Index]
     ) -> tuple[Index, Index] | None:

@@ -1,13 +1,15 @@
 """A camera in the YAML file of ROS's camera_calibration, as `camera_info_manager` reads it.
 
-Parity and tolerance, which ROS has no words for, stand under a key of our own.
+Parity and tolerance, which ROS has no words for, stand under a key of our own. The file counts
+pixels from the middle of the first one, as all of ROS does; a camera that is read or written here
+counts them from its outer corner, as images are counted in this package.
 """
 
 import math
 from pathlib import Path
 from typing import Any
 
-from star_tracker.optics.camera import PARITIES, Camera
+from star_tracker.optics.camera import PARITIES, PIXEL_ORIGINS, Camera
 from star_tracker.optics.distortion import Distortion
 from star_tracker.resources import write_whole
 
@@ -16,8 +18,11 @@ _NO_LENS = ("plumb_bob", (0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def write_camera(camera: Camera, path: Path, *, name: str = "camera") -> None:
-    """Write a camera file in one step. Raises OSError where the place does not take it."""
-    lens = camera.distortion
+    """Write a camera, counted from the outer corner, as a file in one step.
+
+    Raises OSError where the place does not take it.
+    """
+    camera, lens = camera.moved(-PIXEL_ORIGINS["center"]), camera.distortion
     model, coefficients = _NO_LENS if lens is None else (lens.model, lens.coefficients)
     k = (camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0)
     p = (*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0)
@@ -38,7 +43,9 @@ def write_camera(camera: Camera, path: Path, *, name: str = "camera") -> None:
 
 
 def read_camera(path: Path) -> Camera:
-    """Read a camera file; without our own key the parity is `auto` and the tolerance 2 %.
+    """Return the camera of a file, counted from the outer corner.
+
+    Without our own key the parity is `auto` and the tolerance 2 %.
 
     Raises ValueError with the file's name and what is wrong in it.
     """
@@ -80,7 +87,7 @@ def _camera(content: dict[str, Any]) -> Camera:
     return Camera(
         int(content["image_width"]), int(content["image_height"]), k[0], k[4], k[2], k[5],
         parity, lens, float(own.get("tolerance_percent", _AGED_PERCENT)),
-    )
+    ).moved(PIXEL_ORIGINS["center"])
 
 
 #: How far a calibration of unknown age may be off.

@@ -118,6 +118,8 @@ class LearningTracker:
         self.hint = ""
         self._n_doubtful = 0
         self._belief = None if camera is None else self._trust(camera)
+        if camera is None:
+            self._any_camera()  # takes a second, while no frame waits
 
     @property
     def camera(self) -> Camera | None:

@@ -9,9 +9,11 @@ import os
 import tempfile
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
+from zipfile import ZipFile
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.pairs import PairTable
@@ -43,14 +45,20 @@ def save_features(path: Path, belongs_to: str, features: Features) -> None:
     handle, temporary = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
-            np.savez(
-                file, allow_pickle=False, identity=np.array(belongs_to), packed=packed,
-                **features.pairs._asdict(),
-            )
+            _write_arrays(file, identity=np.array(belongs_to), packed=packed,
+                          **features.pairs._asdict())
         Path(temporary).replace(path)
     except BaseException:  # whatever ends the writing, no half file stays
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def _write_arrays(file: IO[bytes], **arrays: ArrayLike) -> None:
+    """Write arrays as `numpy.savez` does, which leaves its archive open on a disk that is full."""
+    with ZipFile(file, "w") as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
 
 
 def load_features(path: Path, belongs_to: str, settings: PatternSettings) -> Features:

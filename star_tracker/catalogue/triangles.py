@@ -95,22 +95,30 @@ def _sort_by_shape(
     log_size: Floats, angle: Floats, units: NDArray[np.int32], at: NDArray[np.int32],
     rows: NDArray[np.int32],
 ) -> None:
-    """Count the triangles of each cell in `at`; with rows, write them from there on instead."""
+    """Count the triangles of each cell in `at`; with rows, write them from there on instead.
+
+    The sizes of each star ascend, so that the ratios of a second companion descend.
+    """
     counts_only = len(rows) == 0
     n, n_companions = log_size.shape
     for main in range(n):
+        own, own_angle = log_size[main], angle[main]
         for second in range(n_companions):
-            size = np.floor((log_size[main, second] - SIZE_LOW) / SIZE_STEP)
+            size = np.floor((own[second] - SIZE_LOW) / SIZE_STEP)
             if not 0 <= size < SIZE_CELLS:
                 continue
+            row = np.int32((main << AZIMUTH_BITS) | units[main, second])
             for first in range(n_companions):
-                ratio = log_size[main, second] - log_size[main, first]
-                ratio = np.floor((ratio - RATIO_LOW) / RATIO_STEP)
-                if first == second or not 0 <= ratio < RATIO_CELLS:
+                ratio = (own[second] - own[first] - RATIO_LOW) / RATIO_STEP
+                if ratio < 0:
+                    break
+                if first == second or ratio >= RATIO_CELLS:
                     continue
-                turn = (angle[main, second] - angle[main, first]) % (2 * np.pi)
+                turn = own_angle[second] - own_angle[first]
+                if turn < 0:  # a third of the time of the remainder
+                    turn += 2 * np.pi
                 around = min(int(turn * (ANGLE_CELLS / (2 * np.pi))), ANGLE_CELLS - 1)
                 cell = (int(ratio) * SIZE_CELLS + int(size)) * ANGLE_CELLS + around
                 if not counts_only:
-                    rows[at[cell]] = (main << AZIMUTH_BITS) | units[main, second]
+                    rows[at[cell]] = row
                 at[cell] += 1

@@ -17,6 +17,7 @@ import numpy as np
 from star_tracker.calibration.camera_estimator import CameraEstimator
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.catalogue.triangles import TriangleTable
 from star_tracker.commands.options import add_json_argument
 from star_tracker.compiled import CacheState, cache_state, mark_warm
 from star_tracker.identification.searcher import METHODS
@@ -84,9 +85,11 @@ def exercise_solver() -> str:
         StarTracker(database, camera, SolveSettings(method=method)).solve(star_map.xy_px)
     camera.pixels(camera.vectors(star_map.xy_px))
     learnt = CameraEstimator(camera, tolerance=0.01)
-    learnt.add(star_map.xy_px, camera.vectors(star_map.xy_px))
+    each = np.arange(len(star_map.xy_px))
+    learnt.add_frame(star_map.xy_px, camera.vectors(star_map.xy_px), (each, each))
     bent = learnt.estimate.camera
     bent.pixels(bent.vectors(star_map.xy_px))
+    TriangleTable.build(camera.vectors(star_map.xy_px))  # for a camera whose scale is not known
     return database.cache_note
 
 

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from star_tracker.commands.options import add_json_argument
+from star_tracker.commands.options import add_json_argument, bar_console
 from star_tracker.resources import resource_path
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def _run(
 
     kept = store.Store(folder)
     # The bar is for people: nothing of it is written where standard error is no terminal.
-    console = Console(stderr=True)
+    console = bar_console()
     try:
         with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
             task = bar.add_task("evaluating", total=len(planned))

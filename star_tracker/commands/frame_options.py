@@ -6,25 +6,24 @@ from glob import glob
 from pathlib import Path
 
 from star_tracker.calibration.camera_file import read_camera
+from star_tracker.commands.options import add_values
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.maps.star_map import PAPER_MAPS, STAR_MAPS_FOLDER
 from star_tracker.offline.solving import Asked
-from star_tracker.optics.camera import PARITIES
+from star_tracker.optics.camera import PARITIES, PIXEL_ORIGINS
 from star_tracker.resources import resource_path
 from star_tracker.solution import SolveSettings
 
 
 def add_camera_arguments(camera: argparse._ArgumentGroup) -> None:
     """Declare what may be known of the camera."""
-    for option, kind, default, metavar, text in (
-        ("--fov-deg", float, 0.0, "DEG", "field of view across the width, deg; 0 = unknown"),
-        ("--fov-tolerance-percent", float, 5.0, "PERCENT", "how far that may be off, percent"),
-        ("--fov-min-deg", float, 4.0, "DEG", "least field where it is unknown, deg"),
-        ("--fov-max-deg", float, 70.0, "DEG", "greatest field where it is unknown, deg"),
-    ):
-        camera.add_argument(
-            option, type=kind, default=default, metavar=metavar, help=f"{text} (%(default)s)"
-        )
+    add_values(
+        camera,
+        ("--fov-deg", 0.0, "DEG", "field of view across the width, deg; 0 = unknown"),
+        ("--fov-tolerance-percent", 5.0, "PERCENT", "how far that may be off, percent"),
+        ("--fov-min-deg", 4.0, "DEG", "least field where it is unknown, deg"),
+        ("--fov-max-deg", 70.0, "DEG", "greatest field where it is unknown, deg"),
+    )
     camera.add_argument(
         "--camera", type=Path, metavar="FILE", help="camera calibration of ROS, YAML (none)"
     )
@@ -38,23 +37,26 @@ def add_camera_arguments(camera: argparse._ArgumentGroup) -> None:
         "--height-px", type=int, metavar="PX", help="its height, px (none)"
     )
     camera.add_argument(
+        "--pixel-origin", choices=tuple(PIXEL_ORIGINS), default="corner",
+        help="of the first pixel, where a list's coordinates are counted from, and those of bags "
+        "without CameraInfo (%(default)s)",
+    )
+    camera.add_argument(
         "--bayer", default=None, metavar="RGGB", help="colour pattern of raw images (none)"
     )
 
 
 def add_sky_arguments(more: argparse._ArgumentGroup) -> None:
     """Declare the guide stars and how long is searched, with how many processes."""
-    for option, kind, default, metavar, text in (
-        ("--epoch", float, 2000.0, "YEAR", "epoch of the stars' places, Julian year"),
-        ("--limiting-magnitude", float, 0.0, "MAG", "faintest stars, mag; 0 = as suits"),
-        ("--catalog", str, "hipparcos", "NAME", "catalogue of the stars"),
-        ("--max-stars", int, DetectSettings().max_stars, "N", "brightest stars that are used"),
-        ("--deadline-ms", float, 5000.0, "MS", "longest search of a file, ms"),
-        ("--jobs", int, os.cpu_count() or 1, "N", "processes that detect stars"),
-    ):
-        more.add_argument(
-            option, type=kind, default=default, metavar=metavar, help=f"{text} (%(default)s)"
-        )
+    add_values(
+        more,
+        ("--epoch", 2000.0, "YEAR", "epoch of the stars' places, Julian year"),
+        ("--limiting-magnitude", 0.0, "MAG", "faintest stars, mag; 0 = as suits"),
+        ("--catalog", "hipparcos", "NAME", "catalogue of the stars"),
+        ("--max-stars", DetectSettings().max_stars, "N", "brightest stars that are used"),
+        ("--deadline-ms", 5000.0, "MS", "longest search of a file, ms"),
+        ("--jobs", os.cpu_count() or 1, "N", "processes that detect stars"),
+    )
 
 
 def paths_of(word: str) -> list[Path]:
@@ -83,6 +85,7 @@ def asked_of(options: argparse.Namespace) -> Asked:
         fov_deg=options.fov_deg, fov_tolerance_percent=options.fov_tolerance_percent,
         fov_range_deg=(options.fov_min_deg, options.fov_max_deg), parity=options.parity,
         size_px=None if options.width_px is None else (options.width_px, options.height_px),
+        pixel_origin=options.pixel_origin,
         catalog=options.catalog, epoch=options.epoch,
         limiting_magnitude=options.limiting_magnitude,
         settings=SolveSettings(method="match_group", deadline_ms=options.deadline_ms),

@@ -3,9 +3,11 @@
 import argparse
 import json
 import math
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.table import Table
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
 
 #: One answer as plain values, units in the names.
 Record = dict[str, object]
@@ -24,6 +26,17 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 def add_json_argument(parser: argparse.ArgumentParser) -> None:
     """Declare the output for machines, which every command has."""
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
+def add_values(
+    group: argparse._ActionsContainer, *values: tuple[str, float | str, str, str]
+) -> None:
+    """Declare options that have a default: name, default, metavar and what the help says."""
+    for option, default, metavar, text in values:
+        group.add_argument(
+            option, type=type(default), default=default, metavar=metavar,
+            help=f"{text} (%(default)s)",
+        )
 
 
 def add_focal_length_argument(parser: argparse._ActionsContainer, purpose: str) -> None:
@@ -62,14 +75,27 @@ def _finite(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def print_result(record: Record, tables: list[Table], as_json: bool) -> None:
+def print_result(record: Record, tables: "list[Table]", as_json: bool) -> None:
     """Print the record for machines or the tables for people."""
     if as_json:
         print(json_text(record, indent=2))
         return
+    from rich.console import Console  # noqa: PLC0415  a node that compiles prints no tables
+
     console = Console()
     for table in tables:
         console.print(table)
+
+
+def bar_console() -> "Console":
+    """Return where a bar of progress is drawn: nowhere but on a terminal.
+
+    rich 13 ends a bar with an empty line, even one that is not drawn.
+    """
+    from rich.console import Console  # noqa: PLC0415
+
+    console = Console(stderr=True)
+    return console if console.is_terminal else Console(stderr=True, quiet=True)
 
 
 def cell(value: object, spec: str) -> str:

@@ -8,7 +8,13 @@ import numpy as np
 
 from star_tracker.calibration.camera_file import read_camera
 from star_tracker.catalogue.catalog import CATALOGS, StarCatalog
-from star_tracker.commands.options import Record, add_json_argument, check_positive, json_text
+from star_tracker.commands.options import (
+    Record,
+    add_json_argument,
+    add_values,
+    check_positive,
+    json_text,
+)
 from star_tracker.detection.image import BAYER_PATTERNS
 from star_tracker.detection.render import render
 from star_tracker.detection.render_settings import Planet, RenderedImage, RenderSettings
@@ -55,12 +61,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_sky_arguments(parser.add_argument_group("attitude and stars"))
     for title, numbers in _NUMBERS.items():
         group = parser.add_argument_group(title)
-        for name, metavar, text in numbers:
-            default = getattr(_DEFAULT, name)
-            group.add_argument(
-                _option(name), type=type(default), default=default, metavar=metavar,
-                help=f"{text} (%(default)s)",
-            )
+        add_values(group, *(
+            (_option(name), getattr(_DEFAULT, name), metavar, text)
+            for name, metavar, text in numbers
+        ))
         if title.startswith("exposure"):
             group.add_argument(
                 "--rate-deg-s", metavar="X,Y,Z",
@@ -85,14 +89,12 @@ def _add_camera_arguments(camera: argparse._ArgumentGroup) -> None:
         "--camera", type=Path, metavar="FILE",
         help="camera calibration of ROS, YAML, with its lens (as the next options say)",
     )
-    for option, kind, default, metavar, text in (
-        ("--fov-deg", float, 20.0, "DEG", "field of view across the width, deg"),
-        ("--width-px", int, 640, "PX", "width of the image, px"),
-        ("--height-px", int, 480, "PX", "its height, px"),
-    ):
-        camera.add_argument(
-            option, type=kind, default=default, metavar=metavar, help=f"{text} (%(default)s)"
-        )
+    add_values(
+        camera,
+        ("--fov-deg", 20.0, "DEG", "field of view across the width, deg"),
+        ("--width-px", 640, "PX", "width of the image, px"),
+        ("--height-px", 480, "PX", "its height, px"),
+    )
     camera.add_argument(
         "--parity", choices=("normal", "mirrored"), default="normal",
         help="of the image (%(default)s)",
@@ -100,16 +102,14 @@ def _add_camera_arguments(camera: argparse._ArgumentGroup) -> None:
 
 
 def _add_sky_arguments(sky: argparse._ArgumentGroup) -> None:
-    for option, default, metavar, text in (
+    add_values(
+        sky,
         ("--ra-deg", 0.0, "DEG", "right ascension of the boresight, deg"),
         ("--dec-deg", 0.0, "DEG", "its declination, deg"),
         ("--roll-deg", 0.0, "DEG", "position angle of the image's up direction, deg"),
         ("--limiting-magnitude", 8.0, "MAG", "faintest stars, mag"),
         ("--epoch", 2000.0, "YEAR", "epoch of the stars' places, Julian year"),
-    ):
-        sky.add_argument(
-            option, type=float, default=default, metavar=metavar, help=f"{text} (%(default)s)"
-        )
+    )
     sky.add_argument(
         "--catalog", choices=CATALOGS, default="hipparcos", help="of the stars (%(default)s)"
     )

@@ -8,7 +8,6 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import Progress
 
 from star_tracker.bags.reading import DamagedBagError, Wanted, is_bag, open_bag
@@ -19,7 +18,7 @@ from star_tracker.commands.frame_options import (
     asked_of,
     paths_of,
 )
-from star_tracker.commands.options import add_json_argument
+from star_tracker.commands.options import add_json_argument, bar_console
 from star_tracker.commands.solve_output import Output
 from star_tracker.offline.solving import Asked, Result, frames_of, solve_frames
 from star_tracker.offline.spreading import Spread
@@ -96,7 +95,7 @@ def execute(options: argparse.Namespace) -> None:
     for word in (word for word, found in named.items() if not found):
         text = f"no file fits {word}: check the folder and the ending"
         output.take(Result(Path(word), None, None, text))
-    console = Console(stderr=True)
+    console = bar_console()
     # What is printed meanwhile goes around the bar only where it goes to the terminal, too.
     with Progress(
         console=console, transient=True, disable=not console.is_terminal,

@@ -121,7 +121,7 @@ def _stars(result: Result) -> list[Record]:
         return []
     found, catalog = solution.identification, solution.catalog
     rows: list[Record] = []
-    for i, (x, y) in enumerate(frame.xy_px.tolist()):
+    for i, (x, y) in enumerate(frame.told_px.tolist()):
         row: Record = {"x_px": x, "y_px": y, "state": int(found.state[i])}
         star = int(found.catalog_index[i])
         if star >= 0:

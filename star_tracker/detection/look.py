@@ -15,7 +15,7 @@ from star_tracker.detection.psf import PIXEL_VARIANCE, Psf
 from star_tracker.detection.search import find_peaks
 from star_tracker.detection.stars import Scene
 from star_tracker.detection.tiles import Tiles, tile_size_px
-from star_tracker.detection.width import image_psf
+from star_tracker.detection.width import LONGEST_PX, image_psf
 
 #: The first look supposes stars of this width, px. One that is off by `_SAME_WIDTH`, as the pixels
 #: see it, costs 8 % of the signal to noise, 2 r / (1 + r^2); only beyond it the image is filtered
@@ -69,6 +69,9 @@ def look_at(frame: Frame, asked: DetectSettings) -> Look:
             # There is nothing to go by: the first look is as good as any.
             return first
         look = look._replace(psf=found)
+        if found.streak_px > LONGEST_PX:
+            # Where in such a streak the star was in the middle of the exposure cannot be told.
+            return look._replace(peaks=look.peaks[:0])
         if _alike(found, psf):
             return look
         if tile_size_px(found.sigma_px) != tile_size_px(psf.sigma_px):

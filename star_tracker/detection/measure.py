@@ -15,7 +15,7 @@ from star_tracker.compiled import compiled
 from star_tracker.detection.centroids import Flag
 from star_tracker.detection.fit import fit_star, fitting
 from star_tracker.detection.hot import is_hot
-from star_tracker.detection.moments import adaptive_moments
+from star_tracker.detection.moments import adaptive_moments, is_endless
 from star_tracker.detection.planes import Plane
 from star_tracker.detection.psf import PIXEL_VARIANCE, Psf
 from star_tracker.detection.stars import Scene, Star, Stars, add_star, noise_at
@@ -184,7 +184,7 @@ def _drawn(scene: Scene, star: Star, begin: tuple[float, float], psf: Psf) -> No
     """Turn what is extended into a streak where it is as narrow as a star; find its middle."""
     moments = adaptive_moments(scene.residual, begin[0], begin[1], psf.sigma_px)
     star.x, star.y = begin
-    if math.isnan(moments[0]):
+    if math.isnan(moments[0]) or is_endless(moments):
         return
     half = 0.5 * (moments[2] + moments[4])
     spread = math.hypot(0.5 * (moments[2] - moments[4]), moments[3])

@@ -20,6 +20,8 @@ from star_tracker.geometry.spherical import Floats
 _WIDER_PX2, _LEAST_PX2 = 0.5, 1 / 12
 #: Standard deviations of the window that are summed over, and the farthest that is looked at.
 _WINDOW_SIGMAS, _FARTHEST_PX = 3.0, 75.0
+#: What runs out of that is a line where its variance across is less than this part of that along.
+_THIN = 0.01
 _MAX_ITERATIONS = 25
 _CONVERGED = 0.005
 #: The window's variances grow by no more than this factor in a step, and its middle moves by no
@@ -31,7 +33,8 @@ _GROWTH = 3.0
 def adaptive_moments(residual: Plane, x: float, y: float, sigma_px: float) -> Floats:
     """Return x, y, px, and the moments xx, xy, yy, px^2, of what stands near (x, y).
 
-    `sigma_px` is the width to begin with. All are NaN where it does not settle.
+    `sigma_px` is the width to begin with. All are NaN where it does not settle. Of a line that is
+    longer than is looked at they are the last ones, and `is_endless`.
     """
     failed = np.full(5, np.nan)
     xx, xy, yy = sigma_px**2, 0.0, sigma_px**2
@@ -56,11 +59,27 @@ def adaptive_moments(residual: Plane, x: float, y: float, sigma_px: float) -> Fl
         y += min(max(new[1] * ux + new[2] * uy, -bound), bound)
         change = abs(new[0] - xx) + abs(new[1] - xy) + abs(new[2] - yy)
         xx, xy, yy = new
-        if not (_WINDOW_SIGMAS * math.sqrt(xx + yy) < _FARTHEST_PX and math.isfinite(x + y)):
+        if not math.isfinite(x + y + xx + yy):
+            return failed
+        if _runs_out(xx, yy):
+            half, spread = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+            if half - spread < _THIN * (half + spread):
+                return np.array([x, y, xx, xy, yy])
             return failed
         if change < _CONVERGED * (xx + yy):
             return np.array([x, y, xx, xy, yy])
     return failed
+
+
+@compiled
+def is_endless(moments: Floats) -> bool:
+    """Return whether moments x, y, xx, xy, yy are those of a line longer than is looked at."""
+    return _runs_out(moments[2], moments[4])
+
+
+@compiled
+def _runs_out(xx: float, yy: float) -> bool:
+    return bool(_WINDOW_SIGMAS * math.sqrt(xx + yy) >= _FARTHEST_PX)
 
 
 @compiled

@@ -34,6 +34,11 @@ _LONG, _SAME_WAY = 1.8, 0.8
 #: over an endless line shows w^2; on a line of length 2 a w it is w^2 / 2 at a = 1.4 (where
 #: 2 a phi(a) = Phi(a) - 1/2), which is where the moments settle.
 _LINE = 2.8
+#: Longer lines than this, px, are longer than their moments can tell.
+LONGEST_PX = 66.0
+#: A line's peaks are those within so many of its own standard deviations, squared: half of the
+#: length. It ends before the border by so many px and widths, or else it is cut off there.
+_ON_LINE, _BORDER_PX, _BORDER_SIGMAS = (0.5 * _LINE) ** 2, 1.0, 2.0
 
 
 def image_psf(
@@ -43,7 +48,7 @@ def image_psf(
 
     `first` is what they were found with, `sigma_px` the width where it is known. The width is that
     of the densest half of all: where many peaks are hot pixels, clouds or lamps, these are of all
-    widths but stars are of one.
+    widths but stars are of one. Of lines of `LONGEST_PX` and more only the direction is known.
     """
     shapes = np.empty((_MOST, 4))
     sharpest = flatness(Psf(PSF_RANGE_PX[0]))
@@ -105,10 +110,12 @@ def _shapes(
 
     `known` is the image of a star, how flat the sharpest is, and the value that no pixel reaches.
     The width is that of a round star fitted to the peak, NaN where none fits. The moments tell
-    lines from points: those of some are enough.
+    lines from points: those of some are enough. A line gives them once, and none where the border
+    cuts it off.
     """
     psf, sharpest, limit = known
-    n = n_fits = 0
+    lines = np.empty((_MOST_MOMENTS, 5))
+    n = n_fits = n_lines = 0
     for k in range(min(len(peaks), _MOST_PEAKS)):
         if n == len(shapes) or n_fits == _MOST_FITS:
             break
@@ -118,16 +125,49 @@ def _shapes(
         ])
         if not brightest < limit or is_hot(scene, row, column, sharpest):
             continue
+        if _is_on_line(lines, n_lines, column + 0.5, row + 0.5):
+            continue  # a bright streak has many peaks, and one length
         n_fits += 1
         shapes[n] = np.nan
         shapes[n, 0] = _width(scene, row, column, psf.sigma_px, stars[0])
         if n_fits <= _MOST_MOMENTS:
-            shapes[n, 1:] = adaptive_moments(
-                scene.residual, column + 0.5, row + 0.5, psf.sigma_px
-            )[2:]
+            moments = adaptive_moments(scene.residual, column + 0.5, row + 0.5, psf.sigma_px)
+            if _is_long(moments):
+                lines[n_lines], n_lines = moments, n_lines + 1
+            if not _is_cut(moments, scene.residual.shape, psf.sigma_px):
+                shapes[n, 1:] = moments[2:]
         if not (math.isnan(shapes[n, 0]) and math.isnan(shapes[n, 1])):
             n += 1
     return n
+
+
+@compiled
+def _is_long(moments: Floats) -> bool:
+    """Return whether moments x, y, xx, xy, yy are those of a line; NaN is none."""
+    half = 0.5 * (moments[2] + moments[4])
+    spread = math.hypot(0.5 * (moments[2] - moments[4]), moments[3])
+    return bool(half + spread > _LONG**2 * max(half - spread, PIXEL_VARIANCE))
+
+
+@compiled
+def _is_on_line(lines: Floats, n: int, x: float, y: float) -> bool:
+    """Return whether a place is on one of `n` lines, moments (m, 5)."""
+    for k in range(n):
+        dx, dy = x - lines[k, 0], y - lines[k, 1]
+        # A line may be thinner than a pixel, and a peak beside it.
+        xx, xy, yy = lines[k, 2] + 1.0, lines[k, 3], lines[k, 4] + 1.0
+        if (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) < _ON_LINE * (xx * yy - xy * xy):
+            return True
+    return False
+
+
+@compiled
+def _is_cut(moments: Floats, shape: tuple[int, int], sigma_px: float) -> bool:
+    """Return whether what has these moments reaches to the border of the image (h, w)."""
+    x, y, xx, _, yy = moments
+    room = _BORDER_PX + _BORDER_SIGMAS * sigma_px
+    reach_x, reach_y = 0.5 * _LINE * math.sqrt(xx) + room, 0.5 * _LINE * math.sqrt(yy) + room
+    return not (reach_x < x < shape[1] - reach_x and reach_y < y < shape[0] - reach_y)
 
 
 @compiled

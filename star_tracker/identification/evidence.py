@@ -29,7 +29,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri, gammaln
 
 from star_tracker.attitude.information import (

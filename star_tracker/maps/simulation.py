@@ -36,8 +36,8 @@ class Condition:
     Attributes:
         name: what tables call it.
         noise_px: standard deviation of a centroid along each axis.
-        missing: fraction of the stars that are not seen.
-        false_stars: false stars for each true star of the field.
+        missing: fraction of the stars that are not seen, rounded to a whole number of them.
+        false_stars: false stars for each true star of the field, rounded in the same way.
         title: what a short name stands for.
         brightness_noise_mag: noise of the measured magnitudes; None = brightness is not measured.
         fov_error_percent: how much larger than the true field of view the one told is; None = no
@@ -49,7 +49,7 @@ class Condition:
             own, which has none; it is not told.
     """
 
-    name: str
+    name: str = ""
     noise_px: float = 0.0
     missing: float = 0.0
     false_stars: float = 0.0
@@ -75,8 +75,9 @@ class Condition:
 
     def true_camera(self, camera: Camera) -> Camera:
         """Return the camera that takes the frames."""
-        offset = self.principal_point_offset_px
-        true = replace(camera, cx_px=camera.cx_px + offset, cy_px=camera.cy_px + offset)
+        true, offset = camera, self.principal_point_offset_px
+        if offset:
+            true = replace(camera, cx_px=camera.cx_px + offset, cy_px=camera.cy_px + offset)
         if self.lens_k1:
             lens = Distortion("plumb_bob", (self.lens_k1, 0.0, 0.0, 0.0, 0.0))
             true = replace(true, distortion=lens)
@@ -92,8 +93,8 @@ class Condition:
         else:
             fov_deg = camera.fov_deg * (1 + self.fov_error_percent / 100)
         return Camera.from_fov(
-            fov_deg, camera.width_px, camera.height_px, cx_px=camera.cx_px, cy_px=camera.cy_px,
-            parity=parity,
+            fov_deg, camera.width_px, camera.height_px, parity=parity,
+            principal_point_px=(camera.cx_px, camera.cy_px),
         )
 
     def fov_range_deg(self, camera: Camera) -> tuple[float, float]:
@@ -156,26 +157,22 @@ def synthetic_field(
     camera: Camera,
     rotation: Floats,
     rng: np.random.Generator,
-    *,
-    noise_px: float = 0.0,
-    missing: float = 0.0,
-    false_stars: float = 0.0,
+    condition: Condition = CONDITIONS[0],
 ) -> SyntheticField:
     """Simulate a frame at a rotation (3, 3), camera to ICRS.
 
     Args:
         catalog: the stars of the sky.
-        camera: the camera, of definite parity.
+        camera: the camera, of definite parity, before the condition changes it.
         rotation: the true attitude.
         rng: source of all chance.
-        noise_px: standard deviation of a centroid along each axis.
-        missing: fraction of the stars that are not seen, rounded to a whole number of them.
-        false_stars: number of false stars as a fraction of the number of true stars in the field.
+        condition: what the frame suffers from; by default nothing.
     """
+    camera = condition.true_camera(camera)
     index, pixels = visible_stars(catalog, camera, rotation)
-    n_false = round(false_stars * len(index))
-    seen = np.sort(rng.permutation(len(index))[round(missing * len(index)) :])
-    xy = pixels[seen] + rng.normal(0.0, noise_px, (len(seen), 2))
+    n_false = round(condition.false_stars * len(index))
+    seen = np.sort(rng.permutation(len(index))[round(condition.missing * len(index)) :])
+    xy = pixels[seen] + rng.normal(0.0, condition.noise_px, (len(seen), 2))
     false = uniform_noise(camera, n_false, rng)
     order = rng.permutation(len(xy) + n_false)
     truth = np.concatenate([index[seen], np.full(n_false, -1)])
@@ -214,12 +211,8 @@ def frames(
     The same seed gives the same frames.
     """
     rng = np.random.default_rng(seed)
-    true_camera = condition.true_camera(camera)
     for _ in range(n):
-        yield synthetic_field(
-            catalog, true_camera, random_rotation(rng), rng, noise_px=condition.noise_px,
-            missing=condition.missing, false_stars=condition.false_stars,
-        )
+        yield synthetic_field(catalog, camera, random_rotation(rng), rng, condition)
 
 
 def boresight_angle_deg(found: Floats, true: Floats) -> float:

@@ -157,7 +157,8 @@ def _camera(path: Path, keys: dict[str, str]) -> Camera:
     try:
         return Camera.from_fov(
             number["fov_deg"], int(number["width_px"]), int(number["height_px"]),
-            cx_px=number.get("cx_px"), cy_px=number.get("cy_px"), parity=keys["parity"],
+            parity=keys["parity"],
+            principal_point_px=(number.get("cx_px"), number.get("cy_px")),
         )
     except (ValueError, OverflowError) as error:
         raise ValueError(f"star map {path}: {error}") from error

@@ -12,9 +12,9 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter as RosParameter
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 
-from msg_adapters.detected_stars import cloud_from_detected
-from msg_adapters.health import status_from_health
 from star_tracker.commands.compile import exercise_detector
+from star_tracker.msg_adapters.detected_stars import cloud_from_detected
+from star_tracker.msg_adapters.health import status_from_health
 from star_tracker.nodes.centroid.detector import Detection, Detector, IncomingImage
 from star_tracker.nodes.centroid.health import ImageHealth
 from star_tracker.nodes.centroid.parameters import (

@@ -29,6 +29,8 @@ _Values = TypeVar("_Values")
 _DESCRIPTION = "parameter"
 #: Parameters that rclpy declares itself, for every node.
 _OF_RCLPY = {"use_sim_time", "start_type_description_service"}
+#: How those begin that rclpy declares for the QoS of a topic.
+_QOS = "qos_overrides."
 _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 
@@ -175,12 +177,14 @@ def unknown_parameters(
     Args:
         node: whose parameters have been declared.
         given: the names.
-        neighbours: parameters of other nodes in the process, which hear the same command line.
+        neighbours: parameters of other nodes in the process, which hear the same command line. The
+            QoS of a topic may then be that of another node's.
     """
     elsewhere = {parameter.name for parameter in neighbours}
     return [
         no_such_parameter(node, name) for name in given
         if not node.has_parameter(name) and name not in elsewhere
+        and not (elsewhere and name.startswith(_QOS))
     ]
 
 

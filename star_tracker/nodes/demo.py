@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from star_tracker.commands.cli import INTERRUPTED
 from star_tracker.commands.compile import compile_solver
@@ -151,7 +151,7 @@ def main(args: Sequence[str] | None = None) -> int:
     except (TimeoutError, RuntimeError, ValueError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, ExternalShutdownException):  # the latter by SIGTERM
         return INTERRUPTED
     return 0 if report(maps, results, image) else 1
 

@@ -15,11 +15,11 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 
-from msg_adapters.attitude import array_from_boresight
-from msg_adapters.point_cloud import stars_from_cloud
-from msg_adapters.solution import values_from_diagnostics
-from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters.attitude import array_from_boresight
+from star_tracker.msg_adapters.point_cloud import stars_from_cloud
+from star_tracker.msg_adapters.solution import values_from_diagnostics
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
 
 #: Of each wait for a process.
 TIMEOUT_S = 60.0

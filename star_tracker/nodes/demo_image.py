@@ -7,14 +7,14 @@ import rclpy
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.executors import SingleThreadedExecutor
 
-from msg_adapters.attitude import array_from_quaternion
-from msg_adapters.detected_stars import PIXEL_ORIGINS
-from msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.geometry.rotation import rotation_matrix
 from star_tracker.geometry.spherical import Floats, separation, unit_vectors
 from star_tracker.identification.labels import StarState
+from star_tracker.msg_adapters.attitude import array_from_quaternion
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.nodes.demo_frames import TIMEOUT_S, Collector, Result, Row, process
 from star_tracker.nodes.sky_parameters import SkyImageParameters
+from star_tracker.optics.camera import PIXEL_ORIGINS
 
 #: Largest error of the boresight. A right solution is a hundred times better.
 _BORESIGHT_LIMIT_DEG = 0.1

@@ -13,12 +13,12 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from msg_adapters import MessageError
-from msg_adapters.health import status_from_health
-from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.calibration.camera_file import write_camera
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.identification.labels import Identification
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.health import status_from_health
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.nodes.declaring import (
     DeclaringNode,
     Parameter,
@@ -84,7 +84,7 @@ class IdentifyNode(DeclaringNode):
         self._starting: Starting | None = Starting(self)
         self._journal = Journal(self)
         with overrides_checked():
-            self._outputs = Outputs(self, p.reference_frame, p.camera_frame)
+            self._outputs = Outputs(self, p.reference_frame, p.camera_frame, p.publish_quality)
             self._intake = Intake(
                 self, lambda: self._setup, self._identify, self._reject, listens
             )
@@ -163,7 +163,7 @@ class IdentifyNode(DeclaringNode):
             return False, "no camera was found yet: show the node some stars"
         path = Path(named).expanduser()
         try:
-            write_camera(camera, path, name=self.get_name())
+            write_camera(self._setup.for_file(camera), path, name=self.get_name())
         except OSError as error:
             return False, f"{path} cannot be written: {error.strerror or error}"
         return True, f"camera of {camera.fov_deg:.4g} deg written to {path}"
@@ -184,7 +184,9 @@ class IdentifyNode(DeclaringNode):
         centroids = centroids_from_cloud(
             frame.message, x=p.x_field, y=p.y_field, intensity=p.intensity_field or None
         )
-        answer = solver.solve(centroids, camera, frame.stamp_ns, frame.received_s)
+        answer = solver.solve(
+            self._setup.counted(centroids), camera, frame.stamp_ns, frame.received_s
+        )
         self._journal.read(answer)
         self._outputs.publish(answer.solution, header, answer.hint)
         catalog = answer.solution.catalog or solver.catalog
@@ -234,7 +236,7 @@ class IdentifyNode(DeclaringNode):
         hardware = self._setup.parameters.camera_frame or self._journal.frame_id
         reports = {"health": (level, message, values)}
         if self._solver is not None:
-            reports["camera"] = camera_report(self._solver.tracker)
+            reports["camera"] = camera_report(self._solver.tracker, self._setup.told)
         for kind, report in reports.items():
             status = status_from_health(f"{name}: {kind}", *report)
             status.hardware_id = hardware or name

@@ -3,6 +3,9 @@
 from pathlib import Path
 
 _WORDS = {"true": True, "false": False}
+_POLICIES = {
+    "reliability": ("reliable", "best_effort"), "durability": ("volatile", "transient_local"),
+}
 
 
 def switch(name: str, text: str) -> bool:
@@ -34,6 +37,31 @@ def triple(name: str, text: str) -> list[float]:
     except ValueError as error:
         raise ValueError(f"{name}:={text} must be three numbers, [x, y, z]") from error
     return [x, y, z]
+
+
+def quality(name: str, text: str, topic: str) -> dict[str, object]:
+    """Return the parameter that overrides a policy of a topic's QoS; none for an empty text.
+
+    Args:
+        name: of the argument; its last word is the policy.
+        text: what it says.
+        topic: as the node has it in the end, and what it does: `/image.subscription`.
+
+    Raises ValueError, in one line, for what is no such policy.
+    """
+    if not text:
+        return {}
+    policy = name.rpartition("_")[2]
+    if text not in _POLICIES[policy]:
+        raise ValueError(f"{name}:={text} must be {' or '.join(_POLICIES[policy])}")
+    return {f"qos_overrides.{topic}.{policy}": text}
+
+
+def resolved(namespace: str, topic: str) -> str:
+    """Return the whole name of a topic of a node in a namespace."""
+    if topic.startswith("/"):
+        return topic
+    return "/" + "/".join(part for part in (namespace.strip("/"), topic) if part)
 
 
 def files(name: str, text: str) -> list[object]:

@@ -20,7 +20,12 @@ from star_tracker.identification.searcher import METHODS
 from star_tracker.nodes.declaring import ParameterError, parameter, parameters_of
 from star_tracker.nodes.identify.earth import EarthParameters
 from star_tracker.nodes.identify.transforms import TransformParameters
-from star_tracker.optics.camera import FOV_RANGE_DEG, MOST_TOLERANCE_PERCENT, PARITIES
+from star_tracker.optics.camera import (
+    FOV_RANGE_DEG,
+    MOST_TOLERANCE_PERCENT,
+    PARITIES,
+    PIXEL_ORIGINS,
+)
 from star_tracker.solution import (
     CENTROID_SIGMA_RANGE_PX,
     DISPLACED_GATE_RANGE_PX,
@@ -67,12 +72,17 @@ class _SolverParameters:
         "learnt; empty = none", fixed=True,
     )
     cx_px: float = parameter(
-        _MIDDLE, "principal point, x; -1 = half of the width", "px",
+        _MIDDLE, "principal point, x, counted as centroids; -1 = middle of the image", "px",
         allowed=_PRINCIPAL_POINT_RANGE_PX,
     )
     cy_px: float = parameter(
-        _MIDDLE, "principal point, y; -1 = half of the height", "px",
+        _MIDDLE, "principal point, y, likewise; -1 = middle of the image", "px",
         allowed=_PRINCIPAL_POINT_RANGE_PX,
+    )
+    pixel_origin: str = parameter(
+        "corner", "where centroids are counted from: outer corner of the first pixel, or its "
+        "center; with use_camera_info always as camera_info counts",
+        choices=tuple(PIXEL_ORIGINS), fixed=True,
     )
     parity: str = parameter(
         "auto", "normal: y down; mirrored: y up or seen in a mirror; auto: find out",
@@ -169,6 +179,9 @@ class _SolverParameters:
         "", "frame_id of the stars; empty = that of the centroids", fixed=True
     )
     publish_markers: bool = parameter(False, "publish markers for RViz and Foxglove")
+    publish_quality: bool = parameter(
+        False, "publish numbers of each frame for plots, each as a topic below quality", fixed=True
+    )
     log_frames: bool = parameter(False, "a line of the log for each frame")
 
     def __post_init__(self) -> None:

@@ -8,13 +8,13 @@ from typing import Any
 
 from sensor_msgs.msg import PointCloud2
 
-from msg_adapters.centroids import (
+from star_tracker.msg_adapters.centroids import (
     Centroids,
     centroids_from_detections,
     centroids_from_polygon,
     centroids_from_poses,
 )
-from msg_adapters.point_cloud import cloud_from_centroids
+from star_tracker.msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.nodes.declaring import (
     DeclaringNode,
     ParameterError,

@@ -14,9 +14,9 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Header
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.point_cloud import Centroids, cloud_from_centroids
 from star_tracker.maps.star_map import StarMap, paper_maps
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.point_cloud import Centroids, cloud_from_centroids
 from star_tracker.nodes.declaring import DeclaringNode, ParameterError, declare, unknown_parameters
 from star_tracker.nodes.listening import PUBLISHED, overrides_checked
 from star_tracker.nodes.parameters import ReplayParameters

@@ -15,18 +15,18 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
-from msg_adapters.attitude import quaternion_from_attitude
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.detected_stars import PIXEL_ORIGINS
-from msg_adapters.image import Picture, image_from_picture
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.render import render
 from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters.attitude import quaternion_from_attitude
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.image import Picture, image_from_picture
 from star_tracker.nodes.declaring import DeclaringNode, ParameterError, declare, unknown_parameters
 from star_tracker.nodes.listening import PUBLISHED, overrides_checked
 from star_tracker.nodes.running import run
 from star_tracker.nodes.sky_parameters import SkyImageParameters
+from star_tracker.optics.camera import PIXEL_ORIGINS
 
 #: The faintest stars that are rendered.
 _FAINTEST_MAG = 8.0
@@ -111,9 +111,8 @@ class SkyImageNode(DeclaringNode):
         self._sent += 1
 
     def _publish(self, pixels: np.ndarray, rotation: Floats, header: Header) -> None:
-        shift, camera = PIXEL_ORIGINS["center"], self._camera
         self._infos.publish(info_from_camera(
-            replace(camera, cx_px=camera.cx_px - shift, cy_px=camera.cy_px - shift), header
+            self._camera.moved(-PIXEL_ORIGINS["center"]), header
         ))
         attitude = Attitude.from_rotation(rotation, np.zeros((3, 3)))
         self._truth.publish(quaternion_from_attitude(

@@ -27,6 +27,7 @@ class FileFrame:
         intensity: (n,) their brightness, None where it is not known.
         detect_ms: CPU time of reading and detecting.
         is_image: whether the file is an image.
+        added_px: what was added to the coordinates of a file that counts them otherwise.
     """
 
     path: Path
@@ -35,12 +36,22 @@ class FileFrame:
     intensity: Floats | None
     detect_ms: float
     is_image: bool = False
+    added_px: float = 0.0
+
+    @property
+    def told_px(self) -> Floats:
+        """The centroids (n, 2) as the file counts them."""
+        return self.xy_px - self.added_px
 
 
-def read_centroids(path: Path, size_px: tuple[int, int] | None) -> FileFrame:
+def read_centroids(
+    path: Path, size_px: tuple[int, int] | None, added_px: float = 0.0
+) -> FileFrame:
     """Read a list of centroids or a star map, whose own camera is left aside but for its size.
 
-    Raises ValueError for a file that is neither, and for a list without an image size.
+    `added_px` is added to a list's coordinates, so that they are counted from the outer corner of
+    the first pixel, as those of a map are. Raises ValueError for a file that is neither, and for a
+    list without an image size.
     """
     if is_star_map(path):
         star_map = read_star_map(path)
@@ -52,7 +63,7 @@ def read_centroids(path: Path, size_px: tuple[int, int] | None) -> FileFrame:
             "--height-px"
         )
     xy, intensity = read_frame(path)
-    return FileFrame(path, size_px, xy, intensity, 0.0)
+    return FileFrame(path, size_px, xy + added_px, intensity, 0.0, added_px=added_px)
 
 
 @dataclass(frozen=True)

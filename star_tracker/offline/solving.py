@@ -26,7 +26,7 @@ from star_tracker.offline.frame_file import (
     read_centroids,
 )
 from star_tracker.offline.spreading import Spread
-from star_tracker.optics.camera import Camera
+from star_tracker.optics.camera import PIXEL_ORIGINS, Camera
 from star_tracker.solution import Solution, SolveSettings, Status
 
 
@@ -41,6 +41,8 @@ class Asked:
         fov_range_deg: least and greatest field of view where it is not known.
         parity: of the image.
         size_px: of lists of centroids.
+        pixel_origin: where these are counted from, and those of bags without CameraInfo, of
+            `PIXEL_ORIGINS`; images, maps and `camera` are counted from the outer corner.
         catalog, epoch, limiting_magnitude: of the guide stars; 0 = as deep as suits the camera.
         independent: whether each file is solved without what others told.
         settings: of the solver.
@@ -54,6 +56,7 @@ class Asked:
     fov_range_deg: tuple[float, float] = (4.0, 70.0)
     parity: str = "auto"
     size_px: tuple[int, int] | None = None
+    pixel_origin: str = "corner"
     catalog: str = "hipparcos"
     epoch: float = 2000.0
     limiting_magnitude: float = 0.0
@@ -63,6 +66,11 @@ class Asked:
     )
     detect: DetectSettings = field(default_factory=DetectSettings)
     bayer: str = ""
+
+    @property
+    def added_px(self) -> float:
+        """What is added to the coordinates of lists, so that they are counted from the corner."""
+        return PIXEL_ORIGINS[self.pixel_origin]
 
     @property
     def tells_camera(self) -> bool:
@@ -174,7 +182,9 @@ def solve_frames(
 
 def _opened(asked: Asked, path: Path) -> OpenImage | FileFrame | ValueError:
     try:
-        return read_centroids(path, asked.size_px) if is_list(path) else open_image(path)
+        if is_list(path):
+            return read_centroids(path, asked.size_px, asked.added_px)
+        return open_image(path)
     except ValueError as error:
         return error
 

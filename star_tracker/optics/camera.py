@@ -31,6 +31,9 @@ from star_tracker.optics.distortion import (
 )
 
 PARITIES = ("normal", "mirrored", "auto")
+#: Where pixels are counted from, the middle of the first one or its outer corner, and how much
+#: more a coordinate is that is counted from the corner, px.
+PIXEL_ORIGINS = {"center": 0.5, "corner": 0.0}
 #: Fields of view outside of this range are refused: no star pair fits, or no pinhole does.
 FOV_RANGE_DEG = (0.5, 120.0)
 #: Farthest that a focal length may be off and still count as told.
@@ -118,12 +121,14 @@ class Camera:
         width_px: int,
         height_px: int,
         *,
-        cx_px: float | None = None,
-        cy_px: float | None = None,
+        principal_point_px: tuple[float | None, float | None] = (None, None),
         parity: str = "normal",
         tolerance_percent: float = 0.0,
     ) -> "Camera":
-        """Return a camera without distortion from the field of view across its width (4-16)."""
+        """Return a camera without distortion from the field of view across its width (4-16).
+
+        The principal point is x, y; None for the middle of the image.
+        """
         low, high = FOV_RANGE_DEG
         if not low <= fov_deg <= high:  # also refuses NaN
             raise ValueError(
@@ -131,8 +136,9 @@ class Camera:
                 "give the full angle across the width of the image in degrees"
             )
         focal = width_px / 2 / math.tan(math.radians(fov_deg) / 2)
-        cx = width_px / 2 if cx_px is None else cx_px
-        cy = height_px / 2 if cy_px is None else cy_px
+        cx, cy = principal_point_px
+        cx = width_px / 2 if cx is None else cx
+        cy = height_px / 2 if cy is None else cy
         return cls(
             width_px, height_px, focal, focal, cx, cy, parity, tolerance_percent=tolerance_percent
         )
@@ -150,6 +156,10 @@ class Camera:
     def scaled(self, scale: float) -> "Camera":
         """Return the same camera with its focal lengths multiplied."""
         return replace(self, fx_px=self.fx_px * scale, fy_px=self.fy_px * scale)
+
+    def moved(self, by_px: float) -> "Camera":
+        """Return the same camera for coordinates of pixels that are larger along both axes."""
+        return replace(self, cx_px=self.cx_px + by_px, cy_px=self.cy_px + by_px)
 
     def with_parity(self, parity: str) -> "Camera":
         """Return the same camera with another parity."""

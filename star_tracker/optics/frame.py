@@ -10,8 +10,10 @@ from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.camera import in_image, plane_of_pixel
 
 #: A centroid this far outside of the image (in image sizes) cannot have come from it: noise may
-#: push some over its edge. With distortion there is no margin, the lens may have no rays beyond.
-_OUTSIDE_MARGIN = 0.05
+#: push some over its edge. With distortion it is half a pixel, which is all that is outside where
+#: pixels are counted from the first one's centre, and as much for noise: nothing is known of the
+#: lens any farther.
+_OUTSIDE_MARGIN, _LENS_MARGIN_PX = 0.05, 1.0
 #: Two stars closer than 15 px have no good position angle; squared.
 _CLOSEST_PX2 = 225.0
 #: Strips of an image in which centroids are looked up.
@@ -99,7 +101,9 @@ def see_at_scale(frame: Any, focal_px: float, scale: float) -> None:
 def _take_usable(frame: Any, optics: Floats, xy_px: Floats) -> int:
     """Write the usable centroids' normalised coordinates and rows; return their number."""
     points, input_row, key = frame.points, frame.input_row, frame.key
-    margin = 0.0 if optics[7] != 0.0 else _OUTSIDE_MARGIN * max(optics[0], optics[1])
+    margin = _OUTSIDE_MARGIN * max(optics[0], optics[1])
+    if optics[7] != 0.0:
+        margin = _LENS_MARGIN_PX
     n = 0
     for i in range(len(xy_px)):
         if n == len(input_row):

@@ -139,7 +139,8 @@ class ImageChunk:
     def solve(self) -> list[Outcomes]:
         """Solve the image; return what became of each contestant."""
         camera = self.image.camera
-        sky = Sky.of_depth_for(self.condition.fov_range_deg(camera)[0])
+        fov_min_deg = self.condition.fov_range_deg(camera)[0]
+        sky = Sky.for_camera(Camera.from_fov(fov_min_deg, camera.width_px, camera.height_px))
         told = Told.of(sky, camera, self.condition, self.deadline_ms)
         return compete(self.contestants, told, [(0, self.image.scene())], self.limit_deg)
 
@@ -219,7 +220,8 @@ def _set_up(contestant: Contestant, told: Told) -> Entrant:
     catalog = told.sky.catalog()
     for false_stars in (0.0, 1.0):
         easy = synthetic_field(
-            catalog, told.camera.definite()[0], random_rotation(rng), rng, false_stars=false_stars
+            catalog, told.camera.definite()[0], random_rotation(rng), rng,
+            Condition(false_stars=false_stars),
         )
         brightness = 10.0 ** (-0.4 * easy.v_mag)
         timed_solve(entrant, Scene(easy.xy_px, brightness, easy.rotation[:, 2]))

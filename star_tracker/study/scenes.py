@@ -9,20 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.catalogue.database import (
-    DEFAULT_MAX_SEPARATION_DEG,
-    MAX_PATTERN_STARS,
-    FeatureDatabase,
-)
+from star_tracker.catalogue.database import DEFAULT_MAX_SEPARATION_DEG, FeatureDatabase
+from star_tracker.catalogue.depth import limiting_magnitude_for, solid_angle_sr
 from star_tracker.geometry.spherical import Floats, separation, unit_vectors
 from star_tracker.maps.simulation import Condition, SyntheticField, frames
 from star_tracker.optics.camera import Camera
-
-#: Depth of the guide stars for a real image: V magnitude by the field of view that it stays below,
-#: deg, for some 25 to 60 stars in the field; the catalogue ends at V = 8.
-_DEPTHS = ((5.0, 8.0), (11.0, 7.5), (15.0, 7.0), (30.0, 6.0), (45.0, 5.5), (np.inf, 5.0))
-#: A deep catalogue has pairs enough up to this separation.
-_DENSE_SEPARATION_DEG = 6.0
 
 
 @dataclass(frozen=True)
@@ -32,9 +23,9 @@ class Sky:
     limiting_magnitude: float | None = None
 
     @classmethod
-    def of_depth_for(cls, fov_deg: float) -> "Sky":
-        """Return the Hipparcos stars to a depth that suits a field of view."""
-        return cls(next(v_mag for below, v_mag in _DEPTHS if fov_deg < below))
+    def for_camera(cls, camera: Camera) -> "Sky":
+        """Return the Hipparcos stars to the depth that suits a camera (`catalogue.depth`)."""
+        return cls(limiting_magnitude_for("hipparcos", solid_angle_sr(camera)))
 
     @cache  # noqa: B019  for as long as the process lives
     def catalog(self) -> StarCatalog:
@@ -46,10 +37,9 @@ class Sky:
     @cache  # noqa: B019
     def database(self) -> FeatureDatabase:
         """Return the guide stars with their features, made once in each process."""
-        dense = len(self.catalog()) > MAX_PATTERN_STARS
+        paper = self.limiting_magnitude is None
         return FeatureDatabase.cached(
-            self.catalog(),
-            max_separation_deg=_DENSE_SEPARATION_DEG if dense else DEFAULT_MAX_SEPARATION_DEG,
+            self.catalog(), max_separation_deg=DEFAULT_MAX_SEPARATION_DEG if paper else 0.0
         )
 
 

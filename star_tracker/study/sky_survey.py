@@ -45,10 +45,7 @@ def survey(
         for roll in rng.uniform(0, 2 * np.pi, n_frames):
             rotation = rotation_from_boresight(ra, dec, roll)
             guide_stars[at] += len(visible_stars(catalog, camera, rotation)[0]) / n_frames
-            frame = synthetic_field(
-                catalog, camera, rotation, rng, noise_px=condition.noise_px,
-                missing=condition.missing, false_stars=condition.false_stars,
-            )
+            frame = synthetic_field(catalog, camera, rotation, rng, condition)
             possible[at] += np.sum(frame.catalog_index >= 0) >= MIN_STARS
             solution = tracker.solve(frame.xy_px)
             if solution.attitude is not None:

@@ -70,7 +70,7 @@ def test_an_adjugate_exists_of_a_matrix_without_inverse():
 @pytest.mark.parametrize("fov_deg", [5.0, 60.0])
 def test_what_rotation_and_scale_share_is_how_the_directions_move(fov_deg):
     """By differences: the focal length grows, and the direction of a pixel moves by d."""
-    camera, step = Camera.from_fov(fov_deg, 512, 512, cx_px=200.0), 1e-6
+    camera, step = Camera.from_fov(fov_deg, 512, 512, principal_point_px=(200.0, None)), 1e-6
     xy = np.random.default_rng(4).random((9, 2)) * 512
     more, less = (camera.scaled(math.exp(s)).vectors(xy) for s in (step, -step))
     moved, b = (more - less) / (2 * step), camera.vectors(xy)

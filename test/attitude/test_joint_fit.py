@@ -144,7 +144,7 @@ def covariance_of(vectors, variance, prior):
 @pytest.mark.parametrize("prior", [0.0, 0.3, 50.0])
 @pytest.mark.parametrize(("n", "fov_deg"), [(4, 12.0), (10, 20.0), (30, 90.0)])
 def test_covariance_is_the_inverse_of_the_information_of_all_four(n, fov_deg, prior):
-    camera = Camera.from_fov(fov_deg, 800, 600, cx_px=350.0)
+    camera = Camera.from_fov(fov_deg, 800, 600, principal_point_px=(350.0, None))
     vectors = camera.vectors(star_pixels(n, n, camera))
     information = information_of(vectors)
     information[3, 3] += prior

@@ -10,7 +10,7 @@ from star_tracker.attitude.prediction import Predictor
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.searcher import LOST_IN_SPACE, TRACKING
-from star_tracker.maps.simulation import CAMERAS, synthetic_field
+from star_tracker.maps.simulation import CAMERAS, Condition, synthetic_field
 from star_tracker.solution import Status
 
 SECOND = 1_000_000_000
@@ -142,8 +142,8 @@ def follow(tracker, rotations, seed):
     for i, rotation in enumerate(rotations):
         stamp = (i + 1) * SECOND // RATE_HZ
         frame = synthetic_field(
-            tracker.database.catalog, CAMERA, rotation, rng, noise_px=NOISE_PX,
-            false_stars=FALSE_STARS,
+            tracker.database.catalog, CAMERA, rotation, rng,
+            Condition(noise_px=NOISE_PX, false_stars=FALSE_STARS),
         )
         solution = tracker.solve(frame.xy_px, predicted=predictor.predict(stamp))
         solutions.append(solution)

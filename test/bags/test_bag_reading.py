@@ -4,17 +4,14 @@ import shutil
 
 import numpy as np
 import pytest
+import yaml
 from bag_files import HERE, maps_bag, raw_messages, solved
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.centroids import Centroids
-from msg_adapters.image import compressed_from_picture, picture_from_image
-from msg_adapters.message_class import classes_from, message_class
-from msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.bags.frames import Reading, read_frames
 from star_tracker.bags.message_types import BagTypes, long_name
 from star_tracker.bags.reading import DamagedBagError, Wanted, is_bag, open_bag
@@ -24,6 +21,11 @@ from star_tracker.bags.writing import new_bag
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.render_settings import RenderSettings
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.centroids import Centroids
+from star_tracker.msg_adapters.image import compressed_from_picture, picture_from_image
+from star_tracker.msg_adapters.message_class import classes_from, message_class
+from star_tracker.msg_adapters.point_cloud import cloud_from_centroids
 from star_tracker.offline.solving import Asked
 from star_tracker.offline.spreading import Spread
 from star_tracker.optics.camera import Camera
@@ -53,6 +55,19 @@ def written(path, *frames, camera=None):
             cloud = cloud_from_centroids(Centroids(xy), writer.header(stamp_ns, "c"))
             writer.write(topic, cloud, stamp_ns)
     return path
+
+
+def test_centroids_without_camera_info_are_counted_as_is_told(tmp_path):
+    """The boresight is the same for those counted from the middle of the first pixel."""
+    corner = solved(written(tmp_path / "a.mcap", ("/c", MAP1.xy_px, 5)), Asked(camera=MAP1.camera))
+    center = solved(
+        written(tmp_path / "b.mcap", ("/c", MAP1.xy_px - 0.5, 5)),
+        Asked(camera=MAP1.camera, pixel_origin="center"),
+    )
+    np.testing.assert_allclose(center[0].frame.told_px, MAP1.xy_px - 0.5)
+    np.testing.assert_allclose(
+        center[0].solution.attitude.rotation, corner[0].solution.attitude.rotation, atol=1e-9
+    )
 
 
 def as_rosbag1(source, path):
@@ -165,6 +180,27 @@ def test_cameras_that_are_all_younger_and_differ_are_none(tmp_path):
             writer.write("/camera_info", info, stamp_ns)
     (result,) = solved(path)
     assert "all CameraInfo are younger than this frame, and not of one camera" in result.error
+
+
+def test_cameras_of_one_topic_are_told_apart_by_frame_id(tmp_path):
+    path, maps = tmp_path / "bag.mcap", {"left": paper_maps((6,))[0], "right": paper_maps((7,))[0]}
+    with new_bag(path) as writer:
+        writer.declare("/stars", "sensor_msgs/PointCloud2")
+        writer.declare("/camera_info", "sensor_msgs/CameraInfo")
+        for side, star_map in maps.items():
+            info = info_from_camera(star_map.camera, writer.header(5, side))
+            writer.write("/camera_info", info, 5)
+        for frame_id in ("left", "right", "middle"):
+            xy = maps.get(frame_id, maps["left"]).xy_px
+            header = writer.header(5, frame_id)
+            writer.write("/stars", cloud_from_centroids(Centroids(xy), header), 5)
+    left, right, middle = solved(path)
+    assert left.is_solved
+    assert right.is_solved
+    assert middle.error.endswith(
+        "the CameraInfo have frame_id left, right, this frame has middle: "
+        "give the camera with --camera or --fov-deg"
+    )
 
 
 def test_the_truth_of_rendered_maps_is_found(tmp_path):
@@ -380,6 +416,33 @@ def test_a_storage_that_the_ending_denies_is_refused(tmp_path):
 def test_a_place_that_is_not_there_takes_no_bag(tmp_path):
     with pytest.raises(ValueError, match="cannot be written: "):
         maps_bag(tmp_path / "no" / "bag.mcap", (1,))
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_metadata_and_messages_are_those_of_jazzy(tmp_path, storage):
+    """No QoS is offered: the player takes its default, reliable, the last ten, volatile."""
+    path = maps_bag(tmp_path / "maps", (1, 2), storage)
+    told = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (told["version"], told["storage_identifier"]) == (9, storage)
+    assert (told["message_count"], told["compression_mode"]) == (4, "")
+    assert told["starting_time"] == {"nanoseconds_since_epoch": 946_684_800_000_000_000}
+    assert told["duration"] == {"nanoseconds": 100_000_000}
+    (file,) = told["files"]
+    assert [file["path"]] == told["relative_file_paths"]
+    assert (path / file["path"]).is_file()
+    for one in told["topics_with_message_count"]:
+        topic = one["topic_metadata"]
+        assert one["message_count"] == 2
+        assert (topic["serialization_format"], topic["offered_qos_profiles"]) == ("cdr", [])
+        assert topic["type_description_hash"] == (
+            get_typestore(Stores.ROS2_JAZZY).hash_rihs01(topic["type"])
+        )
+    with AnyReader([path]) as reader:
+        kinds = [
+            type(reader.deserialize(raw, one.msgtype)).__name__
+            for one, _, raw in reader.messages()
+        ]
+    assert len(kinds) == 4
 
 
 def test_types_have_long_names():

@@ -1,31 +1,36 @@
 """A bag solved without ROS gives what the nodes give, bit for bit; ROS reads what is written."""
 
+import numpy as np
 import pytest
 from bag_files import HERE, maps_bag, raw_messages
 
 pytest.importorskip("rclpy", reason="rclpy is not installed")
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import QuaternionStamped, Vector3Stamped
 from rclpy.serialization import deserialize_message
 from ros_helpers import IdentifyClient, open_bench, stamp_ns
 from sensor_msgs.msg import CameraInfo, Image, Imu, PointCloud2
+from std_msgs.msg import Header
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.point_cloud import centroids_from_cloud, cloud_from_centroids
-from msg_adapters.solution import values_from_diagnostics
 from star_tracker.bags.frames import Reading, read_frames
 from star_tracker.bags.output import declare_topics, write_result
-from star_tracker.bags.reading import Wanted, open_bag
+from star_tracker.bags.reading import Announced, Wanted, open_bag
 from star_tracker.bags.solving import BagSolver
 from star_tracker.bags.topics import IMAGE
 from star_tracker.bags.writing import new_bag
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.render_settings import RenderSettings
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.camera_info import camera_from_info, info_from_camera
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud, cloud_from_centroids
+from star_tracker.msg_adapters.solution import values_from_diagnostics
 from star_tracker.nodes.centroid_node import CentroidNode
+from star_tracker.nodes.identify.camera_feed import CameraFeed
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.offline.solving import Asked
+from star_tracker.optics.camera import Camera
 
 KINDS = {
     "/attitude": QuaternionStamped, "/boresight_deg": Vector3Stamped, "/imu": Imu,
@@ -38,6 +43,24 @@ DEFAULTS = {
     "parity": "auto", "fov_deg": 0.0, "fov_tolerance_percent": 5.0, "width_px": 0,
     "height_px": 0, "deadline_ms": 60_000.0, "keep_up": False, "camera_info_wait_ms": 10_000.0,
 }
+
+
+@pytest.mark.parametrize("n_cameras", [1, 3])
+def test_a_bag_and_a_node_take_the_same_camera_for_a_stamp(n_cameras):
+    """In any order of the announcements, as long as the node remembers them all."""
+    rng = np.random.default_rng(n_cameras)
+    cameras = [Camera.from_fov(10.0 + i, 512, 512) for i in range(n_cameras)]
+    for _ in range(200):
+        feed, infos = CameraFeed(), []
+        for stamp in rng.integers(0, 12, rng.integers(1, 9)).tolist():
+            info = info_from_camera(
+                cameras[rng.integers(n_cameras)], Header(stamp=Time(nanosec=stamp))
+            )
+            feed.announce(stamp, camera_from_info(info, "normal"))
+            infos.append(info)
+        of_bag = Announced(infos, "normal")
+        for stamp in range(13):
+            assert of_bag.at(stamp) == feed.best(stamp)
 
 
 def messages_of(path):

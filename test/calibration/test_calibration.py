@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, f, kstest, t
 
 from star_tracker.calibration.lens import SIGNIFICANCE, calibrate
-from star_tracker.maps.simulation import random_rotation, synthetic_field
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
@@ -32,7 +32,9 @@ def fits(catalog, camera, start, n, *, seed, noise_px, terms=None):
     rng = np.random.default_rng(seed)
     result = []
     while len(result) < n:
-        frame = synthetic_field(catalog, camera, random_rotation(rng), rng, noise_px=noise_px)
+        frame = synthetic_field(
+            catalog, camera, random_rotation(rng), rng, Condition(noise_px=noise_px)
+        )
         if len(frame.xy_px) >= 5:
             stars = catalog.vectors[frame.catalog_index]
             result.append((calibrate(start, frame.xy_px, stars, terms=terms), frame.rotation))
@@ -137,7 +139,7 @@ def test_terms_that_the_data_support_are_found(catalog, changes, noise_px, terms
 def test_the_fitted_camera_predicts_the_centroids(catalog):
     camera = camera_of(20, cx_px=520.0, distortion=radial(0.3))
     rng = np.random.default_rng(3)
-    frame = synthetic_field(catalog, camera, random_rotation(rng), rng, noise_px=0.02)
+    frame = synthetic_field(catalog, camera, random_rotation(rng), rng, Condition(noise_px=0.02))
     stars = catalog.vectors[frame.catalog_index]
     fit = calibrate(camera_of(20), frame.xy_px, stars)
     predicted = fit.camera.pixels(stars @ fit.attitude.rotation)

@@ -53,13 +53,17 @@ def test_what_ros_reads_is_there(tmp_path):
         content["camera_matrix"]["data"][0], content["camera_matrix"]["data"][0], 1.0
     ]
     assert len(content["projection_matrix"]["data"]) == 12
+    # The middle of the image, counted from that of the first pixel.
+    assert content["camera_matrix"]["data"][2::3] == [511.5, 383.5, 1.0]
+    assert content["projection_matrix"]["data"][2::4] == [511.5, 383.5, 1.0]
     assert content["distortion_coefficients"]["data"] == [0.0] * 5
 
 
 def test_a_file_of_ros_is_read_with_parity_to_find_out(tmp_path):
     (tmp_path / "ros.yaml").write_text(ROS_FILE)
     camera = read_camera(tmp_path / "ros.yaml")
-    assert (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px) == (460.5, 459.8, 371.2, 231.9)
+    # Counted from the outer corner of the first pixel, half a pixel more than ROS has it.
+    assert (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px) == (460.5, 459.8, 371.7, 232.4)
     assert camera.distortion == Distortion("plumb_bob", (-0.28, 0.07, 0.0001, 0.0002, 0.0))
     assert (camera.parity, camera.tolerance_percent) == ("auto", 2.0)
 

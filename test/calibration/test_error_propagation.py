@@ -36,7 +36,7 @@ from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import ra_dec, separation, tangent_basis
-from star_tracker.maps.simulation import random_rotation, synthetic_field
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings
 from star_tracker.tracker import StarTracker
@@ -290,7 +290,9 @@ def test_a_filter_can_believe_the_published_covariance():
     )
     nees = []
     while len(nees) < 300:
-        frame = synthetic_field(catalog, camera, random_rotation(rng), rng, noise_px=0.5)
+        frame = synthetic_field(
+            catalog, camera, random_rotation(rng), rng, Condition(noise_px=0.5)
+        )
         attitude = tracker.solve(frame.xy_px).attitude
         if attitude is None:
             continue

@@ -12,7 +12,7 @@ from star_tracker.calibration.learning import LearningTracker, Sources
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.ladder import ladder
-from star_tracker.maps.simulation import synthetic_field, uniform_noise
+from star_tracker.maps.simulation import Condition, synthetic_field, uniform_noise
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
 from star_tracker.solution import SolveSettings, Status
@@ -38,8 +38,8 @@ def frames(camera, n, *, noise_px=0.3, seed=0, least=10, sky=SKY):
     """n frames (xy, true rotation) of a camera with at least so many stars."""
     rng, found = np.random.default_rng(seed), []
     while len(found) < n:
-        rotation = Rotation.random(rng=rng).as_matrix()
-        frame = synthetic_field(sky, camera, rotation, rng, noise_px=noise_px)
+        rotation = Rotation.from_quat(rng.normal(size=4)).as_matrix()
+        frame = synthetic_field(sky, camera, rotation, rng, Condition(noise_px=noise_px))
         if len(frame.xy_px) >= least:
             found.append((frame.xy_px, rotation))
     return found

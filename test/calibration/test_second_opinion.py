@@ -8,7 +8,7 @@ import pytest
 from star_tracker.calibration.second_opinion import SecondOpinion, is_doubtful
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.identification.labels import Identification
-from star_tracker.maps.simulation import synthetic_field, uniform_noise
+from star_tracker.maps.simulation import Condition, synthetic_field, uniform_noise
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings, Status
@@ -33,7 +33,7 @@ def hint(database, camera, xy_px, solution=None):
 def xy_px(database):
     rotation = rotation_from_boresight(1.9, 0.6, 0.3)
     rng = np.random.default_rng(1)
-    return synthetic_field(database.catalog, CAMERA, rotation, rng, noise_px=0.1).xy_px
+    return synthetic_field(database.catalog, CAMERA, rotation, rng, Condition(noise_px=0.1)).xy_px
 
 
 @pytest.mark.parametrize(("seen", "configured"), [("normal", "mirrored"), ("mirrored", "normal")])

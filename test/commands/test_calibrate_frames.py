@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from star_tracker.calibration.camera_file import read_camera
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.commands import cli
-from star_tracker.maps.simulation import random_rotation, synthetic_field
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
 
@@ -27,7 +28,7 @@ def lists(tmp_path_factory):
     sky = StarCatalog.hipparcos(limiting_magnitude=5.5)
     paths = []
     while len(paths) < 6:
-        frame = synthetic_field(sky, CAMERA, random_rotation(rng), rng, noise_px=0.1)
+        frame = synthetic_field(sky, CAMERA, random_rotation(rng), rng, Condition(noise_px=0.1))
         if len(frame.xy_px) >= 15:
             paths.append(str(folder / f"frame{len(paths)}.csv"))
             np.savetxt(paths[-1], frame.xy_px, delimiter=",", header="x,y", comments="")
@@ -60,6 +61,11 @@ def test_focal_length_and_lens_with_residuals_before_and_after(lists, capsys, tm
     written = read_camera(path)
     assert written.focal_length_px == pytest.approx(rows["focal_length_px"]["fitted"])
     assert written.parity == "mirrored"
+    # The principal point as told, the middle, counted in the file as ROS counts it.
+    middle = CAMERA.width_px / 2, CAMERA.height_px / 2
+    assert (written.cx_px, written.cy_px) == middle
+    told = yaml.safe_load(path.read_text())["camera_matrix"]["data"]
+    assert (told[2], told[5]) == (middle[0] - 0.5, middle[1] - 0.5)
 
 
 def test_the_table_says_what_was_fitted(lists, capsys):

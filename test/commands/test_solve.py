@@ -2,6 +2,7 @@
 
 import csv
 import json
+import struct
 from importlib.util import find_spec
 
 import numpy as np
@@ -9,11 +10,14 @@ import pytest
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.commands import cli
+from star_tracker.detection.detect import detect_stars
 from star_tracker.detection.render import render
 from star_tracker.detection.render_settings import RenderSettings
+from star_tracker.geometry.spherical import separation, unit_vectors
 from star_tracker.maps.star_map import Pose
 from star_tracker.offline.image_writing import write_image
 from star_tracker.optics.camera import Camera
+from star_tracker.optics.distortion import Distortion
 
 CAMERA = Camera.from_fov(20, 320, 240, parity="normal")
 POSE = Pose(84.0, 2.0, 15.0)
@@ -130,6 +134,83 @@ def test_a_raw_image_of_a_colour_sensor(tmp_path, capsys):
     assert_true(record)
 
 
+# Half a pixel
+
+
+#: As ROS has it, counted from the middle of the first pixel; the principal point is elsewhere.
+ROS_CAMERA = f"""
+image_width: 320
+image_height: 240
+camera_matrix:
+  data: [{CAMERA.fx_px}, 0, 109.5, 0, {CAMERA.fx_px}, 149.5, 0, 0, 1]
+distortion_model: plumb_bob
+distortion_coefficients: {{rows: 1, cols: 5, data: [-0.3, 0, 0, 0, 0]}}
+star_tracker: {{parity: normal, tolerance_percent: 0.5}}
+"""
+OFF_CENTER = Camera(
+    320, 240, CAMERA.fx_px, CAMERA.fx_px, 110.0, 150.0, "normal",
+    Distortion("plumb_bob", (-0.3, 0.0, 0.0, 0.0, 0.0)),
+)
+
+
+@pytest.fixture(scope="module")
+def off_center(tmp_path_factory):
+    """A folder with the camera's file, its image, and the list of its stars as OpenCV counts."""
+    folder = tmp_path_factory.mktemp("ros")
+    (folder / "camera.yaml").write_text(ROS_CAMERA, encoding="utf-8")
+    catalog = StarCatalog.named("hipparcos", limiting_magnitude=8.0)
+    image = render(OFF_CENTER, POSE.rotation, catalog, RenderSettings(seed=3)).image
+    np.save(folder / "sky.npy", image)
+    xy = detect_stars(image).xy_px - 0.5
+    np.savetxt(folder / "list.csv", xy, delimiter=",", header="x,y", comments="", fmt="%.17g")
+    return folder
+
+
+def assert_boresight(record, part_px):
+    """Hold that the boresight is that of POSE to a part of a pixel."""
+    assert record["status"] == "SOLVED", record
+    angles = np.radians([(record["ra_deg"], record["dec_deg"]), (POSE.ra_deg, POSE.dec_deg)])
+    off_px = separation(*unit_vectors(*angles.T)) * CAMERA.fx_px
+    assert off_px < part_px
+
+
+@pytest.mark.parametrize(("file", "told"), [
+    ("sky.npy", ()), ("list.csv", ("--pixel-origin", "center")),
+])
+def test_a_camera_file_counts_from_the_middle_of_the_first_pixel(
+    file, told, off_center, tmp_path, capsys
+):
+    """Counted the other way the boresight would be off by 0.7 px."""
+    pytest.importorskip("yaml", reason="reading camera files needs PyYAML")
+    (record,) = records(
+        capsys, off_center / file, "--camera", off_center / "camera.yaml", *told,
+        "--width-px", 320, "--height-px", 240, "--wcs", tmp_path, "--stars", tmp_path,
+    )
+    assert_boresight(record, 0.1)
+    header = (tmp_path / f"{file}.wcs").read_text()
+    cards = {header[i : i + 8].strip(): header[i + 10 : i + 30] for i in range(0, len(header), 80)}
+    principal = float(cards["CRPIX1"]), float(cards["CRPIX2"])
+    assert principal == (110.5, 150.5)  # FITS begins with 1
+    with (tmp_path / f"{file}.stars.csv").open(encoding="utf-8") as table:
+        written = [(float(row["x_px"]), float(row["y_px"])) for row in csv.DictReader(table)]
+    # The stars as the file counts them.
+    listed = np.loadtxt(off_center / "list.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(
+        written, listed + (0.0 if told else 0.5), atol=1e-12
+    )
+
+
+def test_render_counts_a_camera_file_alike(off_center, tmp_path, capsys):
+    pytest.importorskip("yaml", reason="reading camera files needs PyYAML")
+    camera = ("--camera", str(off_center / "camera.yaml"))
+    assert cli.main([
+        "render", str(tmp_path / "sky.npy"), *camera, "--ra-deg", str(POSE.ra_deg), "--dec-deg",
+        str(POSE.dec_deg), "--roll-deg", str(POSE.roll_deg), "--seed", "3",
+    ]) == 0
+    capsys.readouterr()
+    assert np.array_equal(np.load(tmp_path / "sky.npy"), np.load(off_center / "sky.npy"))
+
+
 def test_star_maps_and_lists_of_centroids(tmp_path, capsys):
     from star_tracker.maps.star_map import paper_maps
 
@@ -220,6 +301,20 @@ def test_an_image_without_stars_gives_one_sentence(image, tmp_path, capsys):
     assert err == ""
     (line,) = lines
     assert line.split()[0] in {"UNUSABLE", "TOO_FEW_STARS"}, line
+
+
+@needs("Pillow")
+def test_a_picture_too_large_is_refused_before_it_is_read(picture, tmp_path, capsys):
+    """The head of a bitmap of 20,000 x 20,000 pixels, of which none follows."""
+    np.save(tmp_path / "sky.npy", picture)
+    huge = tmp_path / "huge.bmp"
+    head = struct.pack("<IiiHHIIiiII", 40, 20_000, 20_000, 1, 24, 0, 0, 2835, 2835, 0, 0)
+    huge.write_bytes(b"BM" + struct.pack("<IHHI", 54, 0, 0, 54) + head)
+    code, lines, err = run(capsys, huge, tmp_path / "sky.npy")
+    assert (code, err) == (1, "")
+    assert lines[0].startswith(f"UNUSABLE  {huge} cannot be read: ")
+    assert "400000000 pixels" in lines[0]
+    assert lines[1].startswith("SOLVED ")
 
 
 @pytest.mark.parametrize(("options", "text"), [

@@ -130,6 +130,17 @@ def test_streaks_of_60_px_are_placed_at_their_middle_or_left_out():
     assert len(found) <= len(xy) + 2
 
 
+@pytest.mark.parametrize("length_px", [100.0, 200.0])
+def test_streaks_too_long_to_be_told_give_no_stars(length_px):
+    """A piece of each would do for a star, and put all of them off by as much."""
+    xy = spread(np.random.default_rng(13), apart=120, jitter=10.0)
+    found = detect_stars(turning(xy, length_px, 13, exposure_s=0.2).image, EVERY)
+    assert len(found) == 0
+    dx, dy = found.quality.streak_px
+    assert abs(dx) > 60
+    assert abs(dy) < 0.1 * abs(dx)
+
+
 def test_one_streak_among_stars_is_left_out():
     """A satellite crosses the image."""
     xy = spread(np.random.default_rng(12))

@@ -1,52 +1,31 @@
 """A camera fixed to the ground over six hours: its stars go by, its attitude in ENU stays."""
 
-from datetime import datetime, timezone
-
 import numpy as np
 import pytest
+from ground_camera import (
+    AIR,
+    CAMERA,
+    HOURS,
+    ORIENTATION,
+    POSE,
+    SIGMA_PX,
+    SITE,
+    START_NS,
+    centroids_at,
+)
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.earth.apparent import Atmosphere, aberrated, refracted
 from star_tracker.earth.attitude import Fix, azimuth_altitude_rad, enu_attitude
-from star_tracker.earth.rotation import (
-    EarthOrientation,
-    earth_velocity_m_per_s,
-    itrs_from_gcrs,
-)
-from star_tracker.earth.site import EARTH_RATE_RAD_PER_S, Site
-from star_tracker.optics.camera import Camera
+from star_tracker.earth.rotation import EarthOrientation
+from star_tracker.earth.site import EARTH_RATE_RAD_PER_S
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
 
 ARCSEC = np.radians(1 / 3600)
-START_NS = int(datetime(2024, 11, 2, 18, tzinfo=timezone.utc).timestamp()) * 10**9
-EVERY_S, N_FRAMES = 600, 37
-SITE = Site(47.3, 8.5, 500.0)
-ORIENTATION = EarthOrientation(0.05, 0.15, 0.3)
-AIR = Atmosphere(955.0, 8.0)
-#: Of 35" pixels. With less noise, what refraction does unevenly across the field shows in the
-#: residuals, and the covariance is larger than chance alone would have it.
-SIGMA_PX = 0.3
-CAMERA = Camera.from_fov(20.0, 2048, 2048)
-#: The camera's axes in ENU: it looks 55 deg up, towards azimuth 140 deg, turned by 25 deg.
-POSE = (
-    Rotation.from_euler("z", -140, degrees=True)  # x right of the view, y its direction
-    * Rotation.from_euler("x", 55, degrees=True)
-    * Rotation.from_matrix(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]))  # REP-103, optical
-    * Rotation.from_euler("z", 25, degrees=True)
-).as_matrix()
-
-
-def seen_at(stamp_ns, catalog):
-    """Return the directions (n, 3) of all stars, ENU, as the camera would see them."""
-    to_itrs = itrs_from_gcrs(stamp_ns, ORIENTATION)
-    ground = to_itrs.T @ SITE.velocity_itrs_m_per_s
-    seen = aberrated(catalog.vectors, earth_velocity_m_per_s(stamp_ns) + ground)
-    to_enu = SITE.enu_from_itrs @ to_itrs
-    high = seen[seen @ to_enu[2] > 0.2]
-    return refracted(high, to_enu[2], AIR) @ to_enu.T
+EVERY_S = 600
+N_FRAMES = HOURS * 3600 // EVERY_S + 1
 
 
 @pytest.fixture(scope="module")
@@ -57,11 +36,7 @@ def frames(database):
     tracker, rng, taken = StarTracker(database, CAMERA, settings), np.random.default_rng(7), []
     for number in range(N_FRAMES):
         stamp_ns = START_NS + number * EVERY_S * 10**9
-        in_camera = seen_at(stamp_ns, catalog) @ POSE
-        in_camera = in_camera[in_camera[:, 2] > 0.5]
-        xy = CAMERA.focal_length_px * in_camera[:, :2] / in_camera[:, 2:] + 1024
-        xy = xy[np.all((xy > 0) & (xy < 2048), axis=1)]
-        solution = tracker.solve(xy + rng.normal(scale=SIGMA_PX, size=xy.shape))
+        solution = tracker.solve(centroids_at(stamp_ns, catalog, rng))
         assert solution.status is Status.SOLVED
         taken.append((stamp_ns, solution))
     return taken

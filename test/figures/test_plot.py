@@ -27,7 +27,7 @@ from star_tracker.figures.style import house_style, text_box
 from star_tracker.geometry.spherical import ra_dec, unit_vectors
 from star_tracker.identification.labels import Identification, StarState
 from star_tracker.maps.frame_file import read_frame
-from star_tracker.maps.simulation import synthetic_field, uniform_noise, visible_stars
+from star_tracker.maps.simulation import Condition, synthetic_field, uniform_noise, visible_stars
 from star_tracker.maps.star_map import Pose, paper_maps
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
@@ -187,7 +187,7 @@ def test_the_picture_is_named_after_the_map(capsys, tmp_path, monkeypatch):
 def test_a_frame_of_ones_own_is_solved_and_drawn(capsys, tmp_path, database):
     rotation = Pose(83.0, -3.0, 20.0).rotation
     field = synthetic_field(database.catalog, PORTRAIT, rotation, np.random.default_rng(1),
-                            noise_px=0.3, missing=0.2, false_stars=0.2)
+                            Condition(noise_px=0.3, missing=0.2, false_stars=0.2))
     path = frame_file(tmp_path, field.xy_px, 10 ** (-0.4 * field.v_mag))
     record = plot(capsys, path, *camera_options(PORTRAIT), "--output", tmp_path / "frame.png")
     assert record["parity"] == "normal"

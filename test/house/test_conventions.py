@@ -87,10 +87,11 @@ def camera_of(row, **others):
 def example_camera(**changes):
     (row,) = TABLES["The example camera"]
     number = {name: value(cell) for name, cell in row.items()}
-    return Camera.from_fov(
+    camera = Camera.from_fov(
         number["fov_deg"], round(number["width_px"]), round(number["height_px"]),
-        **({"cx_px": number["cx_px"], "cy_px": number["cy_px"]} | changes),
+        principal_point_px=(number["cx_px"], number["cy_px"]),
     )
+    return replace(camera, **changes)
 
 
 def rotation_of(row):
@@ -257,7 +258,7 @@ def body_axis(row):
 
 
 def imu_covariance(row):
-    imu = pytest.importorskip("msg_adapters.imu", reason="needs ROS 2's messages")
+    imu = pytest.importorskip("star_tracker.msg_adapters.imu", reason="needs ROS 2's messages")
     camera = np.diag([row["camera_x"], row["camera_y"], row["camera_z"]])
     attitude = Attitude.from_rotation(Pose(0, 0, 0).rotation, camera)
     return named(("icrs_x", "icrs_y", "icrs_z"), np.diag(imu.reference_covariance(attitude)))
@@ -272,7 +273,9 @@ def angle(row):
 
 
 def boresight(row):
-    adapter = pytest.importorskip("msg_adapters.attitude", reason="needs ROS 2's messages")
+    adapter = pytest.importorskip(
+        "star_tracker.msg_adapters.attitude", reason="needs ROS 2's messages"
+    )
     from std_msgs.msg import Header
 
     attitude = Attitude.from_rotation(rotation_of(row), np.zeros((3, 3)))
@@ -316,7 +319,9 @@ def k_of_page():
 
 def k_row(row):
     """The row of the K that describes the example camera in OpenCV's count."""
-    adapter = pytest.importorskip("msg_adapters.camera_info", reason="needs ROS 2's messages")
+    adapter = pytest.importorskip(
+        "star_tracker.msg_adapters.camera_info", reason="needs ROS 2's messages"
+    )
     from std_msgs.msg import Header
 
     camera = example_camera()
@@ -329,7 +334,9 @@ def k_row(row):
 
 
 def pixel_with_k(row):
-    adapter = pytest.importorskip("msg_adapters.camera_info", reason="needs ROS 2's messages")
+    adapter = pytest.importorskip(
+        "star_tracker.msg_adapters.camera_info", reason="needs ROS 2's messages"
+    )
     from sensor_msgs.msg import CameraInfo
 
     ours = example_camera()

@@ -12,6 +12,7 @@ from star_tracker.resources import COMPILED_ROOMS
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 PACKAGE = CHECKOUT / "star_tracker"
+#: Linked into the package under the same name.
 ADAPTERS = CHECKOUT / "msg_adapters"
 
 #: Modules at the top that every folder may import.
@@ -35,15 +36,16 @@ MAY = {
     "calibration": CORE,
     "figures": CORE | {"maps", "detection", "calibration"},
     "offline": CORE | {"maps", "detection", "calibration"},
-    "bags": CORE | {"maps", "detection", "calibration", "offline"},
+    "bags": CORE | {"maps", "detection", "calibration", "offline", "msg_adapters"},
     "study": CORE | {"maps", "detection", "calibration", "figures", "offline"},
     "commands": CORE | {
         "maps", "detection", "calibration", "figures", "offline", "bags", "study",
     },
     "earth": STAGES | {"solution"},
+    "msg_adapters": STAGES | {"solution", "detection", "offline", "earth"},
     "nodes": CORE | {
         "earth", "maps", "detection", "calibration", "figures", "offline", "bags", "study",
-        "commands",
+        "commands", "msg_adapters",
     },
 }
 #: Libraries of a folder besides the standard library, numpy and scipy.
@@ -62,7 +64,7 @@ INSIDE_FUNCTIONS = {
     "commands/watch.py": {"nodes"},
 }
 NUMERIC = {"numpy", "scipy"}
-ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros", "msg_adapters"}
+ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros"}
 
 
 def imports_of(tree):
@@ -99,7 +101,7 @@ def tops(names):
 
 
 def libraries(names):
-    return tops(names) - sys.stdlib_module_names - {"star_tracker", "msg_adapters"}
+    return tops(names) - sys.stdlib_module_names - {"star_tracker"}
 
 
 def is_ros(name):
@@ -107,8 +109,12 @@ def is_ros(name):
 
 
 def sources():
-    """Yield (room, source) of every module of the package but the package itself."""
-    for source in sorted(PACKAGE.rglob("*.py")):
+    """Yield (room, source) of every module of the package but the package itself.
+
+    A search of all folders below does not follow a link: the adapters' are named.
+    """
+    inside = [*PACKAGE.rglob("*.py"), *(PACKAGE / "msg_adapters").glob("*.py")]
+    for source in sorted(set(inside)):
         place = source.relative_to(PACKAGE)
         if place.parts != ("__init__.py",):
             yield place.parts[0].removesuffix(".py"), source
@@ -178,28 +184,27 @@ def test_all_that_is_compiled_is_in_the_digest_that_names_its_cache():
 
 def test_a_folder_imports_only_its_own_libraries():
     for room, source in sources():
-        if room == "nodes":
+        if room in {"nodes", "msg_adapters"}:
             continue
         wrong = libraries(imports(source)) - NUMERIC - LIBRARIES.get(room, set())
         assert not wrong, f"{named(source)} imports {', '.join(sorted(wrong))}"
 
 
-def test_only_the_nodes_import_ros_and_only_bags_the_adapters():
+def test_only_the_nodes_and_the_adapters_import_ros():
     for room, source in sources():
-        if room == "nodes":
+        if room in {"nodes", "msg_adapters"}:
             continue
-        names = tops(imports(source)) - ({"msg_adapters"} if room == "bags" else set())
-        wrong = {name for name in names if is_ros(name)}
+        wrong = {name for name in tops(imports(source)) if is_ros(name)}
         assert not wrong, f"{named(source)} imports {', '.join(sorted(wrong))}"
 
 
 def test_each_package_of_ros_that_is_imported_is_a_dependency():
     """relay_node looks for vision_msgs when it is told to, and says so where it is missing."""
-    sources = [*PACKAGE.rglob("*.py"), *ADAPTERS.glob("*.py"), *CHECKOUT.glob("launch/*.py")]
-    wanted = {top for source in sources for top in tops(imports(source)) if is_ros(top)}
+    places = [*(source for _, source in sources()), *CHECKOUT.glob("launch/*.py")]
+    wanted = {top for source in places for top in tops(imports(source)) if is_ros(top)}
     package = (CHECKOUT / "package.xml").read_text(encoding="utf-8")
     told = set(re.findall(r"<exec_depend>(\w+)<", package))
-    assert wanted - told <= {"msg_adapters", "vision_msgs"}
+    assert wanted - told <= {"vision_msgs"}
 
 
 def test_what_watch_makes_of_plain_values_needs_no_ros():
@@ -208,11 +213,28 @@ def test_what_watch_makes_of_plain_values_needs_no_ros():
         assert not {top for top in tops(imports(source)) if is_ros(top)}
 
 
-def test_adapters_import_messages_but_not_rclpy_and_no_node():
+def test_adapters_import_messages_but_not_rclpy():
     for source in sorted(ADAPTERS.glob("*.py")):
-        names = imports(source)
-        assert "nodes" not in rooms(names)
-        assert all(name == "numpy" or name.endswith("_msgs") for name in libraries(names))
+        found = libraries(imports(source))
+        assert all(name == "numpy" or name.endswith("_msgs") for name in found)
+
+
+def test_the_adapters_are_a_folder_of_the_package_and_take_no_name_of_everybodys():
+    """The folder stands at the top of the checkout; what is installed is the link to it."""
+    link = PACKAGE / "msg_adapters"
+    assert link.is_symlink()
+    assert link.readlink() == Path("..", "msg_adapters")
+    setup = (CHECKOUT / "setup.py").read_text(encoding="utf-8")
+    assert 'packages=find_packages(include=["star_tracker*"]),' in setup
+
+
+@pytest.mark.parametrize("folder", ["star_tracker", "msg_adapters", "test", "benchmark", "launch"])
+def test_the_adapters_are_imported_by_their_full_name(folder):
+    """In a checkout the short name works too, and gives other classes: no error of one is caught
+    as that of the other.
+    """
+    for source in sorted((CHECKOUT / folder).rglob("*.py")):
+        assert "msg_adapters" not in tops(imports(source)), source
 
 
 def test_a_figure_does_without_pyplot():

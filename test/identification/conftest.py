@@ -5,7 +5,7 @@ import pytest
 from engines import CAMERA
 
 from star_tracker.geometry.rotation import rotation_from_boresight
-from star_tracker.maps.simulation import synthetic_field
+from star_tracker.maps.simulation import Condition, synthetic_field
 
 
 @pytest.fixture
@@ -18,4 +18,4 @@ def frame(catalog):
     """A frame of 0.2 px noise with more than ten stars, and the truth."""
     rng = np.random.default_rng(1)
     rotation = rotation_from_boresight(1.9, 0.6, 0.3)
-    return synthetic_field(catalog, CAMERA, rotation, rng, noise_px=0.2)
+    return synthetic_field(catalog, CAMERA, rotation, rng, Condition(noise_px=0.2))

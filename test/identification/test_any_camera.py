@@ -12,7 +12,7 @@ from solutions import PATIENT, assert_unsolved, record
 from star_tracker.any_camera import AnyCameraTracker
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.spherical import separation
-from star_tracker.maps.simulation import random_rotation, synthetic_field, uniform_noise
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field, uniform_noise
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings, Status
 
@@ -53,7 +53,8 @@ def frames_of(step, fov_deg, n, seed, **options):
     camera, rng, found = Camera.from_fov(fov_deg, 512, 512), np.random.default_rng(seed), []
     while len(found) < n:
         view = synthetic_field(
-            step.database.catalog, camera, random_rotation(rng), rng, noise_px=NOISE_PX, **options
+            step.database.catalog, camera, random_rotation(rng), rng,
+            Condition(noise_px=NOISE_PX, **options),
         )
         if len(view.xy_px) >= 8:
             found.append(view)
@@ -208,3 +209,17 @@ def test_an_unknown_parity_is_refused(steps):
     text = "parity 'left' is unknown: use normal, mirrored, auto"
     with pytest.raises(ValueError, match=f"^{re.escape(text)}$"):
         AnyCameraTracker(steps, parity="left")
+
+
+def test_the_brightest_of_many_centroids_are_searched_first(steps, any_tracker):
+    """Fainter ones, of which no guide star is any, are in nobody's way, and have their rows."""
+    camera, (view,) = frames_of(steps[0], 13.0, 1, 5)
+    rng, n = np.random.default_rng(5), len(view.xy_px)
+    xy = np.concatenate([uniform_noise(camera, 300, rng), view.xy_px])
+    intensity = np.concatenate([rng.uniform(1.0, 10.0, 300), rng.uniform(20.0, 900.0, n)])
+    solution = any_tracker.solve(xy, intensity)
+    assert solution.status is Status.SOLVED
+    assert separation(solution.attitude.rotation[:, 2], view.rotation[:, 2]) < math.radians(0.05)
+    assert len(solution.identification.state) == 300 + n
+    assert (solution.identification.identified >= 300).all()
+    assert (solution.n_surplus, solution.n_ignored) == (0, 0)

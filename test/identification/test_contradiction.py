@@ -4,24 +4,25 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from star_tracker.maps.simulation import random_rotation, synthetic_field
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
 
 CAMERA = Camera.from_fov(20, 1024, 1024)
 NOISE_PX = 0.3
+PATIENT = SolveSettings(method="match_group", deadline_ms=float("inf"))
 
 
 def solved(database, percent, n=30, seed=1):
     """Solutions and true rotations of frames whose focal length is told so much too long."""
     rng = np.random.default_rng(seed)
-    tracker = StarTracker(
-        database, CAMERA.scaled(1 + percent / 100), SolveSettings(method="match_group")
-    )
+    tracker = StarTracker(database, CAMERA.scaled(1 + percent / 100), PATIENT)
     for _ in range(n):
         rotation = random_rotation(rng)
-        frame = synthetic_field(database.catalog, CAMERA, rotation, rng, noise_px=NOISE_PX)
+        frame = synthetic_field(
+            database.catalog, CAMERA, rotation, rng, Condition(noise_px=NOISE_PX)
+        )
         yield tracker.solve(frame.xy_px), rotation
 
 

@@ -6,11 +6,12 @@ from engines import CAMERA, frame_of
 
 from star_tracker.compiled import compiled
 from star_tracker.identification.crowd import crowding, no_crowd
-from star_tracker.maps.simulation import random_rotation, synthetic_field, uniform_noise
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field, uniform_noise
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
 
 AREA_PX2 = float(CAMERA.width_px * CAMERA.height_px)
+PATIENT = SolveSettings(method="match_group", deadline_ms=float("inf"))
 
 
 @compiled
@@ -57,10 +58,12 @@ def test_a_crowd_is_found_among_others(sigma_px):
 
 def test_a_sky_with_a_swarm_of_false_stars_is_solved_as_often_as_without_the_model(database):
     """24 of 29 either way: the search begins with stars whose companions are near, the swarm."""
-    tracker = StarTracker(database, CAMERA, SolveSettings(method="match_group"))
+    tracker = StarTracker(database, CAMERA, PATIENT)
     rng, solved, possible = np.random.default_rng(5), 0, 0
     for _ in range(30):
-        frame = synthetic_field(database.catalog, CAMERA, random_rotation(rng), rng, noise_px=0.3)
+        frame = synthetic_field(
+            database.catalog, CAMERA, random_rotation(rng), rng, Condition(noise_px=0.3)
+        )
         if len(frame.xy_px) < 7:
             continue
         swarm = rng.uniform(100, 400, 2) + rng.normal(0, 12, (20, 2))
@@ -72,7 +75,7 @@ def test_a_sky_with_a_swarm_of_false_stars_is_solved_as_often_as_without_the_mod
 
 def test_tight_clumps_of_noise_are_not_solved(database):
     """Without the crowd 2 of 100 were."""
-    tracker = StarTracker(database, CAMERA, SolveSettings(method="match_group"))
+    tracker = StarTracker(database, CAMERA, PATIENT)
     rng = np.random.default_rng(6)
     for _ in range(150):
         n, middle = int(rng.integers(25, 41)), rng.uniform(100, 410, 2)

@@ -17,7 +17,7 @@ from star_tracker.geometry.spherical import separation
 from star_tracker.identification import escalation, searcher
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.fallback import RadialCyclicSettings
-from star_tracker.maps.simulation import random_rotation, synthetic_field, uniform_noise
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field, uniform_noise
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
@@ -36,7 +36,7 @@ def tracker_of(database, method, camera=CAMERA, **options):
 
 def random_frame(database, rng, noise_px):
     return synthetic_field(
-        database.catalog, CAMERA, random_rotation(rng), rng, noise_px=noise_px
+        database.catalog, CAMERA, random_rotation(rng), rng, Condition(noise_px=noise_px)
     )
 
 

@@ -176,7 +176,7 @@ def test_a_sky_of_few_stars_seen_in_a_mirror_is_refused(database, name, missing)
     while n_refused < 60:
         view = synthetic_field(
             database.catalog, CAMERAS[name], random_rotation(rng), rng,
-            noise_px=0.5, missing=missing,
+            Condition(noise_px=0.5, missing=missing)
         )
         if not 4 <= len(view.xy_px) <= 15:
             continue

@@ -9,7 +9,7 @@ from engines import CAMERA
 from solutions import PATIENT, assert_unsolved, record
 
 from star_tracker.geometry.spherical import separation
-from star_tracker.maps.simulation import random_rotation, synthetic_field, uniform_noise
+from star_tracker.maps.simulation import Condition, random_rotation, synthetic_field, uniform_noise
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Status
 from star_tracker.tracker import StarTracker
@@ -29,7 +29,7 @@ def frames_of(database, n, seed):
     found = []
     while len(found) < n:
         view = synthetic_field(
-            database.catalog, CAMERA, random_rotation(rng), rng, noise_px=NOISE_PX
+            database.catalog, CAMERA, random_rotation(rng), rng, Condition(noise_px=NOISE_PX)
         )
         if len(view.xy_px) >= 7:
             found.append(view)
@@ -164,7 +164,7 @@ def test_an_image_of_oblong_pixels_keeps_their_ratio(database):
     solved = 0
     for _ in range(10):
         view = synthetic_field(
-            database.catalog, true, random_rotation(rng), rng, noise_px=NOISE_PX
+            database.catalog, true, random_rotation(rng), rng, Condition(noise_px=NOISE_PX)
         )
         if len(view.xy_px) < 7:
             continue

@@ -15,6 +15,7 @@ from star_tracker.geometry.spherical import separation
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.simulation import (
     CAMERAS,
+    Condition,
     random_rotation,
     synthetic_field,
     uniform_noise,
@@ -132,7 +133,7 @@ def test_a_frame_of_a_distorting_lens_is_solved(database):
     camera = Camera(1024, 768, focal, 1.02 * focal, 500, 400, "mirrored", lens)
     rng = np.random.default_rng(4)
     rotation = random_rotation(rng)
-    view = synthetic_field(database.catalog, camera, rotation, rng, noise_px=0.2)
+    view = synthetic_field(database.catalog, camera, rotation, rng, Condition(noise_px=0.2))
     solution = StarTracker(database, camera, PATIENT).solve(view.xy_px)
     np.testing.assert_array_equal(solution.identification.catalog_index, view.catalog_index)
     # 0.2 px over some twenty stars.
@@ -143,7 +144,7 @@ def test_false_stars_and_missing_stars_are_borne(database, tracker, frame):
     rng = np.random.default_rng(5)
     view = synthetic_field(
         database.catalog, CAMERA, frame.rotation, rng,
-        noise_px=0.3, missing=0.2, false_stars=1.0,
+        Condition(noise_px=0.3, missing=0.2, false_stars=1.0)
     )
     solution = tracker.solve(view.xy_px)
     assert solution.status is Status.SOLVED

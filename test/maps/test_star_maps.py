@@ -9,6 +9,7 @@ import pytest
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.simulation import (
+    Condition,
     random_rotation,
     synthetic_field,
     uniform_noise,
@@ -50,7 +51,8 @@ def solved(database):
 
 def example(**changes):
     values = {
-        "name": "an example", "camera": Camera.from_fov(14.5, 640, 480, cx_px=320.25, cy_px=239.5),
+        "name": "an example",
+        "camera": Camera.from_fov(14.5, 640, 480, principal_point_px=(320.25, 239.5)),
         "labels": ("A", "B2"), "xy_px": np.array([(1.25, 2.5), (630.01, 470.99)]),
         "star_number": np.array([17, 0]), "displaced_px": np.array([0.0, 3.5]),
         "pose": Pose(359.99, -45.5, 271.25),
@@ -321,7 +323,7 @@ def test_no_map_could_be_a_coincidence(solved, number):
 
 # Synthetic fields
 
-WIDE = Camera.from_fov(20, 1024, 768, cx_px=400, cy_px=500, parity="mirrored")
+WIDE = Camera.from_fov(20, 1024, 768, principal_point_px=(400, 500), parity="mirrored")
 
 
 def test_visible_stars_are_those_whose_pixels_lie_in_the_image(catalog):
@@ -351,7 +353,7 @@ def test_noise_has_the_standard_deviation_asked_for_along_each_axis(catalog):
     rng = np.random.default_rng(3)
     errors = []
     for _ in range(60):
-        field = synthetic_field(catalog, WIDE, random_rotation(rng), rng, noise_px=0.7)
+        field = synthetic_field(catalog, WIDE, random_rotation(rng), rng, Condition(noise_px=0.7))
         places = WIDE.pixels(catalog.vectors[field.catalog_index] @ field.rotation)
         errors.append(field.xy_px - places)
     errors = np.concatenate(errors)
@@ -369,7 +371,7 @@ def test_missing_stars_and_false_stars_come_in_the_fractions_asked_for(catalog, 
         index = visible_stars(catalog, WIDE, rotation)[0]
         n = len(index)
         field = synthetic_field(
-            catalog, WIDE, rotation, rng, missing=missing, false_stars=0.5
+            catalog, WIDE, rotation, rng, Condition(missing=missing, false_stars=0.5)
         )
         assert np.count_nonzero(field.catalog_index == -1) == round(0.5 * n)
         seen = field.catalog_index[field.catalog_index >= 0]
@@ -383,7 +385,7 @@ def test_every_star_is_missing_as_often_as_any_other(catalog):
     index = visible_stars(catalog, WIDE, rotation)[0]
     seen = np.zeros(len(catalog))
     for _ in range(400):
-        field = synthetic_field(catalog, WIDE, rotation, rng, missing=0.5)
+        field = synthetic_field(catalog, WIDE, rotation, rng, Condition(missing=0.5))
         seen[field.catalog_index] += 1
     assert np.abs(seen[index] - 200).max() < 4.5 * math.sqrt(400 * 0.25)
 
@@ -391,7 +393,8 @@ def test_every_star_is_missing_as_often_as_any_other(catalog):
 def test_a_seed_makes_the_field(catalog):
     fields = [
         synthetic_field(
-            catalog, WIDE, Pose(10, 20, 30).rotation, np.random.default_rng(seed), noise_px=1.0
+            catalog, WIDE, Pose(10, 20, 30).rotation, np.random.default_rng(seed),
+            Condition(noise_px=1.0),
         ).xy_px
         for seed in (5, 5, 6)
     ]
@@ -403,7 +406,9 @@ def test_magnitudes_are_the_catalogues_with_noise_and_those_of_false_stars_any_s
     rng = np.random.default_rng(8)
     errors, false = [], []
     for _ in range(60):
-        field = synthetic_field(catalog, WIDE, random_rotation(rng), rng, false_stars=1.0)
+        field = synthetic_field(
+            catalog, WIDE, random_rotation(rng), rng, Condition(false_stars=1.0)
+        )
         assert field.v_mag.shape == field.catalog_index.shape
         true = field.catalog_index >= 0
         errors.append(field.v_mag[true] - catalog.v_mag[field.catalog_index[true]])
@@ -418,7 +423,7 @@ def test_magnitudes_are_the_catalogues_with_noise_and_those_of_false_stars_any_s
 def test_magnitudes_leave_the_stream_of_positions_alone(catalog):
     """Who is missing, the noise and the order come from it; magnitudes have one of their own."""
     one, two = np.random.default_rng(9), np.random.default_rng(9)
-    field = synthetic_field(catalog, WIDE, Pose(10, 20, 30).rotation, one, noise_px=1.0)
+    field = synthetic_field(catalog, WIDE, Pose(10, 20, 30).rotation, one, Condition(noise_px=1.0))
     n = len(field.xy_px)
     two.permutation(n)
     two.normal(0.0, 1.0, (n, 2))

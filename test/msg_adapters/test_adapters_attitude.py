@@ -5,13 +5,13 @@ import pytest
 from geometry_msgs.msg import Quaternion
 from std_msgs.msg import Header
 
-from msg_adapters.attitude import (
+from star_tracker.attitude.attitude import Attitude
+from star_tracker.geometry.rotation import rotation_from_boresight
+from star_tracker.msg_adapters.attitude import (
     array_from_boresight,
     boresight_from_attitude,
     quaternion_from_attitude,
 )
-from star_tracker.attitude.attitude import Attitude
-from star_tracker.geometry.rotation import rotation_from_boresight
 
 HEADER = Header(frame_id="icrs")
 HEADER.stamp.sec, HEADER.stamp.nanosec = 12, 345

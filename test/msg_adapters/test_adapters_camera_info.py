@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import RegionOfInterest
 from std_msgs.msg import Header
 
-from msg_adapters import MessageError
-from msg_adapters.camera_info import camera_from_info, info_from_camera
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.camera_info import camera_from_info, info_from_camera
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
 
@@ -153,7 +153,7 @@ def test_a_binned_image_has_no_part_of_a_pixel():
 def projection(**changes):
     """A message whose P differs from K in all that counts."""
     p = [2000.0, 0.0, 300.5, -70.0, 0.0, 2010.0, 250.25, 0.0, 0.0, 0.0, 1.0, 0.0]
-    return info(p=p, d=[-0.2, 0.1, 0.0, 0.0, 0.0], **changes)
+    return info(**{"p": p, "d": [-0.2, 0.1, 0.0, 0.0, 0.0], **changes})
 
 
 def test_rectified_centroids_are_those_of_p_without_distortion():
@@ -166,6 +166,14 @@ def test_region_and_binning_hold_for_rectified_centroids_too():
     message = projection(roi=roi, binning_x=2, binning_y=2)
     camera = camera_from_info(message, "normal", rectified=True)
     assert camera == Camera(200, 150, 1000.0, 1005.0, 100.25, 100.125, "normal")
+
+
+def test_the_fourth_column_of_p_does_not_matter():
+    """Stars are too far away for the shift of a second camera, whatever its number."""
+    p = projection().p
+    p[3], p[7], p[11] = -300.0, float("nan"), 5.0
+    plain = camera_from_info(projection(), "normal", rectified=True)
+    assert camera_from_info(projection(p=p), "normal", rectified=True) == plain
 
 
 def test_a_model_that_nobody_knows_does_not_matter_to_rectified_centroids():
@@ -252,6 +260,10 @@ REACHES = "of 640 x 480 px: width, height, K and roi are of full resolution"
     (info(roi=roi_of(0, 181, 400, 300)), (
         f"CameraInfo roi of 400 x 300 px at (0, 181) reaches beyond the image {REACHES}"
     )),
+    (info(width=0, height=0, roi=roi_of(0, 0, 640, 480)), (
+        "CameraInfo roi of 640 x 480 px at (0, 0) reaches beyond the image of 0 x 0 px: width, "
+        "height, K and roi are of full resolution"
+    )),
     (info(binning_x=641), (
         "CameraInfo binning of 641 x 1 leaves nothing of 640 x 480 px: "
         "binning_x and binning_y are numbers of pixels, 1 for none"
@@ -308,6 +320,8 @@ def test_what_cannot_be_honoured_is_refused_by_name(message, text):
     (info(distortion_model="", d=[0.1] * 5), r"distortion_model '' is not known"),
     (info(distortion_model="\x00" * 99), r"distortion_model '\\x00\\x00.*\.\.\. is not known"),
     (info(d=[float("nan")] * 5), r"distortion coefficients must be finite"),
+    (info(d=[0.0, 0.0, 0.0, float("nan"), 0.0]), r"distortion coefficients must be finite"),
+    (info(d=[0.1, float("inf")], distortion_model="fisheye"), r"coefficients must be finite"),
 ])
 def test_impossible_camera_is_refused_with_the_reason(message, text):
     with pytest.raises(MessageError, match=text):

@@ -3,7 +3,7 @@
 import numpy as np
 from geometry_msgs.msg import Point32, PolygonStamped, Pose, PoseArray
 
-from msg_adapters.centroids import centroids_from_polygon, centroids_from_poses
+from star_tracker.msg_adapters.centroids import centroids_from_polygon, centroids_from_poses
 
 XY = np.array([(1.5, 2.5), (300.25, 400.75)])
 

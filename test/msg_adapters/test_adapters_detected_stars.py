@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from ros_helpers import new_header
 
-from msg_adapters import MessageError
-from msg_adapters.detected_stars import cloud_from_detected, detected_from_cloud
-from msg_adapters.point_cloud import Centroids as Points
-from msg_adapters.point_cloud import centroids_from_cloud, cloud_from_centroids
 from star_tracker.detection.centroids import Centroids, Flag, ImageQuality
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.detected_stars import cloud_from_detected, detected_from_cloud
+from star_tracker.msg_adapters.point_cloud import Centroids as Points
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud, cloud_from_centroids
 
 STARS = Centroids(
     np.array([0.5, 10.25]), np.array([0.5, 20.75]), np.array([900.0, 100.0]),

@@ -12,14 +12,18 @@ from sensor_msgs.msg import NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 from tf_stand_in import TFMessage
 
-from msg_adapters import MessageError
-from msg_adapters.attitude import quaternion_from_attitude
-from msg_adapters.imu import earth_attitude_from_imu, imu_from_attitude, orientation_from_imu
-from msg_adapters.site import fix_from_site, site_from_fix
-from msg_adapters.transforms import FrameRotation, rotations_from_tf, tf_from_rotation
-from msg_adapters.velocity import vector_from_velocity, velocity_from_vector
 from star_tracker.earth.attitude import EarthAttitude
 from star_tracker.earth.site import Site
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.attitude import quaternion_from_attitude
+from star_tracker.msg_adapters.imu import (
+    earth_attitude_from_imu,
+    imu_from_attitude,
+    orientation_from_imu,
+)
+from star_tracker.msg_adapters.site import fix_from_site, site_from_fix
+from star_tracker.msg_adapters.transforms import FrameRotation, rotations_from_tf, tf_from_rotation
+from star_tracker.msg_adapters.velocity import vector_from_velocity, velocity_from_vector
 
 HEADER = Header(frame_id="star_camera")
 HEADER.stamp.sec, HEADER.stamp.nanosec = 1_717_556_645, 250_000_000
@@ -47,10 +51,17 @@ def test_a_receiver_without_a_fix_has_no_place(status):
         site_from_fix(message)
 
 
-def test_a_fix_that_is_no_place_is_refused_by_name():
+@pytest.mark.parametrize(("field", "value", "sentence"), [
+    ("latitude", float("nan"), "NavSatFix latitude_deg is nan: it must be from -90 to 90 deg"),
+    ("latitude", 91.0, "NavSatFix latitude_deg is 91.0: it must be from -90 to 90 deg"),
+    ("longitude", float("nan"), "NavSatFix longitude_deg is nan: it must be from -180 to 360 deg"),
+    ("longitude", float("-inf"), "NavSatFix longitude_deg is -inf: it must be from -180 to 360 "),
+    ("altitude", float("inf"), "NavSatFix height_m is inf: it must be from -12000 to 100000 m"),
+])
+def test_a_fix_that_is_no_place_is_refused_by_name(field, value, sentence):
     message = fix_from_site(Site(1.0, 2.0), HEADER)
-    message.latitude = float("nan")
-    with pytest.raises(MessageError, match="NavSatFix latitude_deg is nan: it must be from -90 "):
+    setattr(message, field, value)
+    with pytest.raises(MessageError, match=re.escape(sentence)):
         site_from_fix(message)
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from msg_adapters.health import report_from_status, status_from_health
+from star_tracker.msg_adapters.health import report_from_status, status_from_health
 
 VALUES = {"ratio": 0.25, "frames": 7, "age": None, "mode": "tracking"}
 

@@ -8,8 +8,8 @@ import pytest
 from ros_helpers import new_header
 from sensor_msgs.msg import CompressedImage, Image
 
-from msg_adapters import image as module
-from msg_adapters.image import (
+from star_tracker.msg_adapters import image as module
+from star_tracker.msg_adapters.image import (
     ENCODINGS,
     ImageError,
     Picture,

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from std_msgs.msg import Header
 
-from msg_adapters.imu import imu_from_attitude, orientation_from_imu
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.geometry.rotation import rotation_from_boresight
+from star_tracker.msg_adapters.imu import imu_from_attitude, orientation_from_imu
 
 HEADER = Header(frame_id="star_camera")
 HEADER.stamp.sec = 77

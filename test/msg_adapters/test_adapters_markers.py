@@ -7,12 +7,12 @@ import pytest
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from msg_adapters.markers import markers_from_solution
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.labels import Identification
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.markers import markers_from_solution
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings, Status
 from star_tracker.tracker import StarTracker

@@ -8,8 +8,10 @@ import pytest
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from msg_adapters import MessageError
-from msg_adapters.point_cloud import (
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.identification.labels import Identification, StarState
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.point_cloud import (
     STAR_DTYPE,
     Centroids,
     centroids_from_cloud,
@@ -19,8 +21,6 @@ from msg_adapters.point_cloud import (
     points_from_cloud,
     stars_from_cloud,
 )
-from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.identification.labels import Identification, StarState
 
 HEADER = Header(frame_id="camera")
 HEADER.stamp.sec, HEADER.stamp.nanosec = 9, 8

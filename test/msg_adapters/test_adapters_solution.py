@@ -5,13 +5,16 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 
-from msg_adapters import MessageError
-from msg_adapters.solution import (
+from star_tracker.attitude.attitude import Attitude
+from star_tracker.identification.labels import Identification
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.solution import (
+    QUALITIES,
     diagnostics_from_solution,
     name_from_diagnostics,
+    quality_from_solution,
     values_from_diagnostics,
 )
-from star_tracker.identification.labels import Identification
 from star_tracker.solution import Solution, Status
 
 HEADER = Header(frame_id="camera")
@@ -74,6 +77,28 @@ def test_values_round_trip():
         "matched": "2", "displaced": "1", "total": "4", "ignored": "3",
         "wrong_probability": "4.52e-13", "log10_false_alarms": "-12.35", "rms_px": "0.1581",
         "hypotheses": "4711", "solve_ms": "2.500",
+    }
+
+
+def test_a_solved_frame_has_all_numbers_for_plots():
+    identification = Identification(
+        np.array([5, -1, 7]), np.array([1, 0, 2], np.uint8), np.array([0.1, np.nan, 9])
+    )
+    quality = quality_from_solution(Solution(
+        Status.SOLVED, "identified", identification,
+        Attitude.from_rotation(np.eye(3), np.eye(3) * 1e-9), log10_false_alarms=-12.345,
+        rms_px=0.15811, solve_ms=2.5,
+    ))
+    assert {name: message.data for name, message in quality.items()} == {
+        "matched": 1.0, "rms_px": 0.15811, "log10_false_alarms": -12.345, "solve_ms": 2.5,
+    }
+    assert set(quality) == set(QUALITIES)
+
+
+def test_an_unsolved_frame_has_no_residual_to_plot():
+    quality = quality_from_solution(solution_of(Status.NO_MATCH, solve_ms=7.0))
+    assert {name: message.data for name, message in quality.items()} == {
+        "matched": 0.0, "solve_ms": 7.0,
     }
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace as Fields
 import numpy as np
 import pytest
 
-from msg_adapters.centroids import (
+from star_tracker.msg_adapters.centroids import (
     centroids_from_detections,
     centroids_from_polygon,
     centroids_from_poses,

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 from geometry_msgs.msg import Vector3Stamped
 
-from msg_adapters.message_class import classes_from, message_class
+from star_tracker.msg_adapters.message_class import classes_from, message_class
 
 
 def test_the_classes_are_those_of_ros():

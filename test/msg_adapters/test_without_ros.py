@@ -21,19 +21,19 @@ from pathlib import Path
 names = [path.stem for path in Path("msg_adapters").glob("*.py") if path.stem != "__init__"]
 assert "camera_info" in names
 for name in names:
-    importlib.import_module(f"msg_adapters.{name}")
+    importlib.import_module(f"star_tracker.msg_adapters.{name}")
 """
 READS = """
 from types import SimpleNamespace as Fields
 import numpy as np
-from msg_adapters.attitude import array_from_boresight
-from msg_adapters.camera_info import camera_from_info
-from msg_adapters.centroids import centroids_from_polygon
-from msg_adapters.health import report_from_status
-from msg_adapters.imu import orientation_from_imu
-from msg_adapters.point_cloud import centroids_from_cloud
-from msg_adapters.solution import values_from_diagnostics
-from msg_adapters.stamp import nanoseconds_from_header
+from star_tracker.msg_adapters.attitude import array_from_boresight
+from star_tracker.msg_adapters.camera_info import camera_from_info
+from star_tracker.msg_adapters.centroids import centroids_from_polygon
+from star_tracker.msg_adapters.health import report_from_status
+from star_tracker.msg_adapters.imu import orientation_from_imu
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud
+from star_tracker.msg_adapters.solution import values_from_diagnostics
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
 
 # As rosbags makes them: dataclasses whose sequences are arrays.
 xy = np.array([(1.5, 2.5), (3.0, 4.0)], "<f4")

@@ -1,6 +1,6 @@
 """Which camera holds for a frame? Needs no ROS."""
 
-from star_tracker.nodes.identify.camera_feed import CameraFeed
+from star_tracker.nodes.identify.camera_feed import CameraFeed, CameraFeeds
 from star_tracker.optics.camera import Camera
 
 NARROW = Camera.from_fov(12.0, 512, 512)
@@ -134,3 +134,62 @@ def test_old_cameras_are_forgotten():
     cameras = feed(*((stamp, (NARROW, WIDE)[stamp % 2]) for stamp in range(10_000)))
     assert cameras.best(100) is None
     assert cameras.best(9_999) == WIDE
+
+
+# ---- several cameras on one topic ------------------------------------------------------------
+
+
+def feeds(*announced):
+    result = CameraFeeds()
+    for frame_id, stamp, camera in announced:
+        result.announce(frame_id, stamp, camera)
+    return result
+
+
+def test_each_camera_of_a_topic_serves_the_frames_of_its_own_frame_id():
+    """Taken at the same moments, as by a rig with one trigger."""
+    cameras = feeds(("left", 5, NARROW), ("right", 5, WIDE))
+    for find in (cameras.settled, cameras.best):
+        assert (find("left", 5), find("right", 5)) == (NARROW, WIDE)
+    cameras.announce("left", 6, NARROW)
+    assert cameras.best("right", 6) == WIDE
+
+
+def test_a_frame_of_no_camera_of_several_has_none():
+    cameras = feeds(("left", 5, NARROW), ("right", 5, WIDE))
+    for frame_id in ("", "middle"):
+        assert cameras.settled(frame_id, 6) is None
+        assert cameras.best(frame_id, 6) is None
+        cameras.answered(frame_id, 6)
+    assert cameras.frame_ids == ["left", "right"]
+
+
+def test_where_there_is_one_camera_the_frames_may_be_without_a_frame_id():
+    assert feeds(("left", 5, NARROW)).settled("", 6) == NARROW
+
+
+def test_a_frame_of_another_frame_id_takes_the_only_camera_after_one_wait():
+    """As long as its own camera may still be on its way."""
+    cameras = feeds(("left", 5, NARROW))
+    assert cameras.settled("right", 6) is None
+    assert cameras.best("right", 6) == NARROW
+    assert cameras.settled("right", 7) == NARROW
+    cameras.announce("right", 5, WIDE)
+    assert cameras.settled("right", 8) == WIDE
+
+
+def test_without_any_camera_no_frame_has_one_whatever_its_frame_id():
+    cameras = feeds()
+    cameras.answered("left", 1)
+    assert cameras.settled("left", 1) is None
+    assert cameras.best("left", 1) is None
+    assert not cameras.timeless
+
+
+def test_as_many_frame_ids_as_anybody_sends_take_no_more_memory():
+    cameras = feeds(*((str(n), n, NARROW) for n in range(200)))
+    assert len(cameras.frame_ids) == 16
+    only = feeds(("left", 5, NARROW))
+    for n in range(200):
+        only.best(str(n), 6)
+    assert len(only._strangers) == 16

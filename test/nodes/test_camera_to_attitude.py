@@ -18,9 +18,9 @@ from processes import (
 from ros_helpers import open_bench, stamp_ns
 from sensor_msgs.msg import PointCloud2
 
-from msg_adapters.attitude import array_from_quaternion
-from msg_adapters.solution import values_from_diagnostics
 from star_tracker.geometry.rotation import rotation_matrix
+from star_tracker.msg_adapters.attitude import array_from_quaternion
+from star_tracker.msg_adapters.solution import values_from_diagnostics
 from star_tracker.nodes.camera_to_attitude import make_nodes
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.sky_image_node import SkyImageNode

@@ -12,10 +12,10 @@ from rclpy.qos import ReliabilityPolicy
 from ros_helpers import health_from_diagnostics, new_header, open_bench, stamp_ns
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 
-from msg_adapters.detected_stars import detected_from_cloud
-from msg_adapters.image import Picture, compressed_from_picture, image_from_picture
 from star_tracker.detection.centroids import DetectSettings
 from star_tracker.detection.detect import detect_stars
+from star_tracker.msg_adapters.detected_stars import detected_from_cloud
+from star_tracker.msg_adapters.image import Picture, compressed_from_picture, image_from_picture
 from star_tracker.nodes.centroid.detector import Detector
 from star_tracker.nodes.centroid.parameters import CENTROID_PARAMETERS, TOPICS
 from star_tracker.nodes.centroid.worker import Worker

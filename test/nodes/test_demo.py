@@ -11,9 +11,9 @@ import pytest
 from processes import completed, popen
 from waiting import last_resort
 
-from msg_adapters.point_cloud import STAR_DTYPE
 from star_tracker.geometry.rotation import rotation_from_boresight, write_quaternion
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.point_cloud import STAR_DTYPE
 from star_tracker.nodes.demo import Result, grade
 from star_tracker.nodes.demo_image import _SKY, grade_image
 from star_tracker.resources import resource_path
@@ -137,7 +137,8 @@ def test_the_demo_says_in_one_line_that_a_folder_has_no_maps(tmp_path):
 
 
 @starts_nodes
-def test_interrupted_demo_ends_without_a_traceback():
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_demo_ends_without_a_traceback(number):
     # A group of its own: a terminal's Ctrl-C goes to the nodes too.
     with (
         popen("-u", *DEMO, "--rate-hz", "0.01", start_new_session=True) as demo,
@@ -147,7 +148,7 @@ def test_interrupted_demo_ends_without_a_traceback():
         for line in demo.stderr:
             lines.append(line)
             if "maps at" in line:
-                os.killpg(demo.pid, signal.SIGINT)
+                os.killpg(demo.pid, number)
         code = demo.wait()
     assert code == 130, "".join(lines)
     assert "Traceback" not in "".join(lines)

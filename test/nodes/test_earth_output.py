@@ -15,16 +15,16 @@ from sensor_msgs.msg import Imu, NavSatFix
 from std_msgs.msg import Header
 from tf_stand_in import TFMessage
 
-from msg_adapters.imu import earth_attitude_from_imu
-from msg_adapters.site import fix_from_site
-from msg_adapters.transforms import FrameRotation, rotations_from_tf, tf_from_rotation
-from msg_adapters.velocity import vector_from_velocity
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.earth.attitude import Fix, enu_attitude, itrs_attitude
 from star_tracker.earth.rotation import EarthOrientation
 from star_tracker.earth.site import Site
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.identification.labels import Identification, StarState
+from star_tracker.msg_adapters.imu import earth_attitude_from_imu
+from star_tracker.msg_adapters.site import fix_from_site
+from star_tracker.msg_adapters.transforms import FrameRotation, rotations_from_tf, tf_from_rotation
+from star_tracker.msg_adapters.velocity import vector_from_velocity
 from star_tracker.nodes.identify.earth import EarthOutput, EarthParameters
 from star_tracker.nodes.identify.static_frames import StaticFrames
 from star_tracker.nodes.identify.transforms import Mounting, TransformOutput, TransformParameters

@@ -13,10 +13,10 @@ from fuzz_clouds import CASES, camera_infos, clouds, few, fuzzed, garbage
 from hypothesis import given
 from hypothesis import strategies as st
 
-from msg_adapters import MessageError
-from msg_adapters.camera_info import camera_from_info
-from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.camera_info import camera_from_info
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
 

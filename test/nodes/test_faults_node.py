@@ -22,9 +22,9 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Header
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.point_cloud import Centroids, cloud_from_centroids
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.point_cloud import Centroids, cloud_from_centroids
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.nodes.parameters import IDENTIFY_PARAMETERS
 

@@ -21,13 +21,14 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from waiting import longest_s
 
-from msg_adapters.attitude import array_from_boresight
-from msg_adapters.camera_info import info_from_camera
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation, unit_vectors
 from star_tracker.identification.labels import StarState
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.attitude import array_from_boresight
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.point_cloud import stars_from_cloud
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.optics.distortion import Distortion
@@ -318,6 +319,43 @@ def test_camera_changes_from_frame_to_frame(info_client):
     for number in (6, 7, 6):
         stars = info_client.outcome(send_with_info(info_client, number)).stars
         np.testing.assert_array_equal(stars["star_number"], MAPS[number].star_number)
+
+
+def test_two_cameras_of_one_topic_are_told_apart_by_frame_id(info_client):
+    """Of the same stamps, as one trigger gives: the last CameraInfo of a stamp is not for both."""
+    for swap in (False, True):
+        frames = {}
+        for side, number in (("left", 6), ("right", 7)):
+            header = new_header(side)
+            header.stamp.sec = 5_000 + swap
+            send_info(info_client, MAPS[number].camera, header)
+            frames[number] = frame_of(MAPS[number].xy_px, header)
+        for number in sorted(frames, reverse=swap):
+            info_client.publish(frames[number])
+        stamp = stamp_ns(header)
+        info_client.bench.until(lambda stamp=stamp: len(info_client.clouds.at(stamp)) == 2, "both")
+        for cloud in info_client.clouds.at(stamp):
+            number = {"left": 6, "right": 7}[cloud.header.frame_id]
+            stars = stars_from_cloud(cloud)
+            np.testing.assert_array_equal(stars["star_number"], MAPS[number].star_number)
+
+
+def test_a_frame_of_no_camera_of_the_topic_is_refused_by_its_frame_id():
+    with open_bench() as bench:
+        client = IdentifyClient(bench)
+        client.infos = bench.outbox(CameraInfo, "camera_info")
+        bench.start(IdentifyNode, {**MAPS_12, "use_camera_info": True})
+        client.connect()
+        heard = bench.calls_of("camera_info")
+        bench.until(lambda: client.infos.n_subscribers, "subscriber to camera_info")
+        for side, number in (("left", 6), ("right", 7)):
+            send_info(client, MAPS[number].camera, new_header(side))
+        bench.until(lambda: len(heard) == 2, "camera_info heard by the node")
+        outcome = client.send(frame_of(MAPS[6].xy_px, new_header("")))
+    assert (outcome.status, outcome.values["reason"]) == ("BAD_INPUT", (
+        f"the CameraInfo of {bench.namespace}/camera_info have frame_id left, right, this frame "
+        "has '': give it that of its camera"
+    ))
 
 
 def test_camera_info_may_come_after_its_frame(patient_client):

@@ -1,11 +1,20 @@
 """What the arguments of launch files say, and what launch makes of the files where it is there."""
 
 import re
+import runpy
 from pathlib import Path
 
 import pytest
 
-from star_tracker.nodes.launch_arguments import files, number, pixels, switch, triple
+from star_tracker.nodes.launch_arguments import (
+    files,
+    number,
+    pixels,
+    quality,
+    resolved,
+    switch,
+    triple,
+)
 
 LAUNCH_FILES = sorted((Path(__file__).resolve().parents[2] / "launch").glob("*.launch.py"))
 #: Launch files with each of their arguments that names a file of parameters.
@@ -37,6 +46,24 @@ def test_what_is_understood(read, text, value):
 def test_what_is_refused_in_one_line(read, text, sentence):
     with pytest.raises(ValueError, match=f"^{re.escape(sentence)}$"):
         read("name", text)
+
+
+@pytest.mark.parametrize(("namespace", "topic", "whole"), [
+    ("", "image", "/image"), ("left", "image", "/left/image"), ("/a/b/", "x/y", "/a/b/x/y"),
+    ("left", "/camera/image_raw", "/camera/image_raw"),
+])
+def test_a_topic_in_a_namespace(namespace, topic, whole):
+    assert resolved(namespace, topic) == whole
+
+
+def test_the_quality_of_a_topic():
+    assert quality("image_reliability", "", "/image.subscription") == {}
+    assert quality("info_durability", "transient_local", "/info.subscription") == {
+        "qos_overrides./info.subscription.durability": "transient_local",
+    }
+    sentence = "image_reliability:=sure must be reliable or best_effort"
+    with pytest.raises(ValueError, match=f"^{sentence}$"):
+        quality("image_reliability", "sure", "/image.subscription")
 
 
 def started(source, **arguments):
@@ -75,3 +102,25 @@ def test_a_file_that_is_not_there_ends_the_launch(source, name):
 
 def test_each_launch_file_takes_a_file_of_parameters():
     assert {source for source, _ in FILES_OF_PARAMETERS} == set(LAUNCH_FILES)
+
+
+def test_the_quality_of_topics_goes_to_the_node_that_has_them():
+    pytest.importorskip("launch_ros", reason="launch_ros is not installed")
+    (source,) = [one for one in LAUNCH_FILES if one.name == "camera.launch.py"]
+    camera = runpy.run_path(str(source))
+    told = {name: default for name, (default, _) in camera["ARGUMENTS"].items()} | {
+        "image": "eye/image_raw", "image_transport": "compressed", "namespace": "left",
+        "camera_info": "/eye/info", "image_reliability": "best_effort",
+        "camera_info_durability": "transient_local", "centroids_reliability": "best_effort",
+    }
+    centroid, identify = (sets[-1] for sets in camera["parameters"](told))
+    given = {
+        name: value for one in (centroid, identify) for name, value in one.items()
+        if name.startswith("qos_overrides")
+    }
+    assert given == {
+        "qos_overrides./left/eye/image_raw/compressed.subscription.reliability": "best_effort",
+        "qos_overrides./left/centroids.publisher.reliability": "best_effort",
+        "qos_overrides./eye/info.subscription.durability": "transient_local",
+    }
+    assert "qos_overrides./eye/info.subscription.durability" in identify

@@ -11,8 +11,8 @@ from ros_helpers import IdentifyClient, frame_of, new_header, open_bench
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
-from msg_adapters.camera_info import info_from_camera
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.camera_info import info_from_camera
 from star_tracker.nodes.identify_node import IdentifyNode
 
 MAP1 = paper_maps((1,))[0]

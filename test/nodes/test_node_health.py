@@ -15,11 +15,13 @@ from ros_helpers import (
     stamp_ns,
 )
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Float64
 from visualization_msgs.msg import Marker, MarkerArray
 
-from msg_adapters.imu import orientation_from_imu
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.imu import orientation_from_imu
+from star_tracker.msg_adapters.solution import QUALITIES
 from star_tracker.nodes.identify import health as health_module
 from star_tracker.nodes.identify_node import IdentifyNode
 
@@ -197,6 +199,25 @@ def test_markers_are_off_by_default_and_can_be_switched_on(client):
     assert node.set_parameters([_with(parameter, False)])[0].successful
     assert len(markers.messages) == 1
     assert markers.messages[0].markers[0].action == Marker.DELETEALL
+
+
+def test_numbers_for_plots_are_published_on_request():
+    """rqt_plot draws no text: each is a Float64 of its own."""
+    with identify_client({"publish_quality": True}) as client:
+        drawn = {name: client.bench.inbox(Float64, f"quality/{name}") for name in QUALITIES}
+        client.bench.until(lambda: all(i.n_publishers for i in drawn.values()), "publishers")
+        solved, unsolved = client.send(map1()).values, client.send(frame_of(MAP1.xy_px[:3])).values
+        client.bench.until(lambda: len(drawn["solve_ms"].messages) == 2, "both frames' numbers")
+    assert unsolved["status"] != "SOLVED"
+    for name, inbox in drawn.items():
+        numbers = [message.data for message in inbox.messages]
+        expected = [solved, unsolved] if name in {"matched", "solve_ms"} else [solved]
+        assert numbers == pytest.approx([float(v[name]) for v in expected], abs=0.006)
+    assert [message.data for message in drawn["matched"].messages] == [15.0, 0.0]
+
+
+def test_numbers_for_plots_are_no_topics_by_default(client):
+    assert not [p for p in client.bench.node.publishers if "quality" in p.topic_name]
 
 
 def _with(parameter, value):

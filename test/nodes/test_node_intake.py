@@ -16,9 +16,9 @@ from ros_helpers import (
 )
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from msg_adapters.camera_info import info_from_camera
-from msg_adapters.solution import values_from_diagnostics
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.camera_info import info_from_camera
+from star_tracker.msg_adapters.solution import values_from_diagnostics
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.nodes.listening import DropCounter
 

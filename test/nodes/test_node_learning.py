@@ -8,9 +8,9 @@ from ros_helpers import frame_of, new_header, open_bench, stamp_ns
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from msg_adapters.solution import values_from_diagnostics
 from star_tracker.calibration.camera_file import read_camera
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.solution import values_from_diagnostics
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.identify_node import IdentifyNode
 
@@ -22,8 +22,11 @@ UNTOLD = {
 }
 
 
-def answers(parameters, maps):
-    """The status and boresight (or None) of each map's frame, and the node's log."""
+def answers(parameters, maps, less_px=0.0):
+    """The status and boresight (or None) of each map's frame, and the camera as found.
+
+    Coordinates are `less_px` less than the map's.
+    """
     with open_bench() as bench:
         frames = bench.outbox(PointCloud2, "centroids")
         solutions = bench.inbox(DiagnosticArray, "solution")
@@ -33,7 +36,7 @@ def answers(parameters, maps):
         found = []
         for star_map in maps:
             header = new_header()
-            frames.publisher.publish(frame_of(star_map.xy_px, header))
+            frames.publisher.publish(frame_of(star_map.xy_px - less_px, header))
             stamp = stamp_ns(header)
             bench.until(lambda stamp=stamp: solutions.at(stamp), "solution")
             (solution,) = solutions.at(stamp)
@@ -70,6 +73,24 @@ def test_what_was_learnt_is_kept_in_a_file_for_the_next_start(tmp_path, capfd):
     found, _ = answers({**sized, "camera_file": str(path)}, [MAP7])
     assert found[0][0]["status"] == "SOLVED"
     assert "camera found" not in capfd.readouterr().err
+
+
+def test_centroids_are_counted_as_is_told_and_the_file_as_ros_counts(tmp_path):
+    """The same sky and the same file, however the detector counts: found, kept, and read."""
+    sized = {**UNTOLD, "width_px": 1024, "height_px": 1024, "catalog": "paper"}
+    pointed, files = [], []
+    for origin, less_px in (("corner", 0.0), ("center", 0.5)):
+        path = tmp_path / f"{origin}.yaml"
+        told = {**sized, "camera_file": str(path), "pixel_origin": origin}
+        for _ in range(2):
+            (found,), _ = answers(told, [MAP7], less_px)
+            v = found[1][0].vector
+            pointed.append([v.x, v.y, v.z])
+        files.append(read_camera(path))
+    np.testing.assert_allclose(pointed[2:], pointed[:2], rtol=0, atol=1e-6)
+    corner, center = files
+    assert (corner.cx_px, corner.cy_px) == (center.cx_px, center.cy_px) == (512.0, 512.0)
+    assert corner.fx_px == pytest.approx(center.fx_px, rel=1e-7)
 
 
 def test_the_camera_is_saved_on_request(tmp_path):

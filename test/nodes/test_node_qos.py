@@ -2,11 +2,14 @@
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from ros_helpers import open_bench
 
+from star_tracker.nodes.camera_to_attitude import make_nodes
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.identify_node import IdentifyNode
+from star_tracker.nodes.launch_arguments import quality, resolved
 from star_tracker.nodes.replay_node import ReplayNode
 
 
@@ -76,3 +79,33 @@ def test_diagnostics_are_heard_whatever_is_overridden():
             f"qos_overrides.{bench.namespace}/solution.publisher.durability": "transient_local",
         })
         bench.until(lambda: reports.messages, "report in /diagnostics")
+
+
+def test_the_arguments_of_camera_launch_reach_the_topics_of_both_nodes(capfd):
+    """Each node of the process hears what is for the other one, and does not complain."""
+    with open_bench() as bench:
+        space = bench.namespace
+        image, info, centroids = (
+            resolved(space, topic) for topic in ("eye/image_raw", "eye/info", "centroids")
+        )
+        told = {
+            **quality("image_reliability", "best_effort", f"{image}.subscription"),
+            **quality("camera_info_durability", "transient_local", f"{info}.subscription"),
+            **quality("centroids_reliability", "best_effort", f"{centroids}.publisher"),
+            "use_camera_info": True,
+        }
+        centroid, identify = (bench._add(node) for node in make_nodes(
+            context=bench.context, namespace=space,
+            parameter_overrides=[Parameter(name, value=value) for name, value in told.items()],
+            cli_args=["--ros-args", "-r", "image:=eye/image_raw", "-r", "camera_info:=eye/info"],
+        ))
+        assert qos_of(centroid.get_subscriptions_info_by_topic(image))[0] == (
+            ReliabilityPolicy.BEST_EFFORT
+        )
+        assert qos_of(identify.get_subscriptions_info_by_topic(info))[1] == (
+            DurabilityPolicy.TRANSIENT_LOCAL
+        )
+        assert qos_of(centroid.get_publishers_info_by_topic(centroids))[0] == (
+            ReliabilityPolicy.BEST_EFFORT
+        )
+    assert "there is no parameter" not in capfd.readouterr().err

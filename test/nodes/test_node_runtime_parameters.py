@@ -12,9 +12,9 @@ from rclpy.parameter import Parameter
 from ros_helpers import IdentifyClient, frame_of, open_bench
 from sensor_msgs.msg import CameraInfo
 
-from msg_adapters.camera_info import info_from_camera
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.camera_info import info_from_camera
 from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.identify_node import IdentifyNode
 

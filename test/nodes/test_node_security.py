@@ -17,7 +17,7 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "sros2.md"
 #: Each node with parameters that make it use all that it can: one of each kind at a time.
 NODES = {
     "identify_node": (IdentifyNode, [
-        {"use_camera_info": True},
+        {"use_camera_info": True, "publish_quality": True},
         {"earth_frame": "enu", "use_fix": True, "publish_tf": True, "base_frame": "base_link"},
         {"earth_frame": "itrs", "use_velocity": True},
     ]),

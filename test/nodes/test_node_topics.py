@@ -13,6 +13,7 @@ from star_tracker.nodes.identify_node import IdentifyNode
 ROOT = Path(__file__).resolve().parents[2]
 README = "README.md", "### Topics of `identify_node`"
 ASKED_FOR = "docs/frames.md", "## Topics"
+FOR_PLOTS = "docs/watch.md", "## Plots and recordings"
 #: tf2_msgs is no part of the wheels of ROS' messages: another type stands for it here.
 TF = {"std_msgs/Empty": "tf2_msgs/TFMessage"}
 #: What every node of ROS has besides.
@@ -53,3 +54,7 @@ def test_the_page_of_the_frames_has_the_others(monkeypatch):
     pytest.importorskip("erfa", reason="pyerfa is not installed")
     monkeypatch.setattr(transforms, "_tf_type", lambda wanted_by: Empty)
     assert told(*README) | told(*ASKED_FOR) == real(PLACE) | real(VELOCITY)
+
+
+def test_the_page_of_watching_has_those_for_plots():
+    assert told(*README) | told(*FOR_PLOTS) == real({"publish_quality": True})

@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.rotation import rotation_from_boresight
-from star_tracker.maps.simulation import synthetic_field
+from star_tracker.maps.simulation import Condition, synthetic_field
 from star_tracker.nodes.identify_node import IdentifyNode
 from star_tracker.optics.camera import Camera
 
@@ -37,8 +37,8 @@ def frame_at(seconds, deg_per_s=1.0):
     """Return the frame of a camera that turns, as seen at a time."""
     turn = Rotation.from_rotvec(np.radians([deg_per_s * seconds, 0, 0])).as_matrix()
     field = synthetic_field(
-        SKY, CAMERA, START @ turn, np.random.default_rng(round(1000 * seconds)), noise_px=0.5,
-        false_stars=0.5,
+        SKY, CAMERA, START @ turn, np.random.default_rng(round(1000 * seconds)),
+        Condition(noise_px=0.5, false_stars=0.5),
     )
     header = Header(frame_id="camera")
     header.stamp.sec, header.stamp.nanosec = int(seconds), round(seconds % 1 * 1e9)

@@ -169,9 +169,9 @@ def test_node_declares_its_parameters_and_refuses_changes_of_fixed_ones(node):
 def test_fixed_parameters():
     fixed = {parameter.name for parameter in IDENTIFY_PARAMETERS if parameter.fixed}
     assert fixed == {
-        "base_frame", "earth_frame", "publish_tf", "use_fix",
+        "base_frame", "earth_frame", "publish_tf", "publish_quality", "use_fix",
         "use_velocity", "camera_frame", "queue_depth", "rectified", "reference_frame",
-        "use_camera_info", "camera_file",
+        "use_camera_info", "camera_file", "pixel_origin",
     }
     assert all(parameter.fixed for parameter in REPLAY_PARAMETERS)
 

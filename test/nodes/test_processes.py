@@ -26,8 +26,8 @@ from ros_helpers import IdentifyClient, frame_of, open_bench, stamp_ns
 from sensor_msgs.msg import PointCloud2
 from waiting import longest_s
 
-from msg_adapters.solution import values_from_diagnostics
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.solution import values_from_diagnostics
 
 pytestmark = pytest.mark.usefixtures("solver_compiled")
 

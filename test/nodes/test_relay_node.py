@@ -7,8 +7,8 @@ from rclpy.parameter import Parameter
 from ros_helpers import IdentifyClient, new_header, open_bench, stamp_ns
 from sensor_msgs.msg import PointCloud2
 
-from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.nodes import relay_node
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.identify_node import IdentifyNode

@@ -9,9 +9,9 @@ from rclpy.qos import ReliabilityPolicy
 from ros_helpers import open_bench, stamp_ns
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from msg_adapters.camera_info import camera_from_info
-from msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.maps.star_map import paper_maps, write_star_map
+from star_tracker.msg_adapters.camera_info import camera_from_info
+from star_tracker.msg_adapters.point_cloud import centroids_from_cloud
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.replay_node import ReplayNode
 

@@ -7,12 +7,12 @@ from processes import assert_ended_well, ended, running
 from ros_helpers import open_bench, stamp_ns
 from sensor_msgs.msg import CameraInfo, Image
 
-from msg_adapters.attitude import array_from_quaternion
-from msg_adapters.camera_info import camera_from_info
-from msg_adapters.image import picture_from_image
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.detection.detect import detect_stars
 from star_tracker.geometry.rotation import boresight_of, rotation_matrix
+from star_tracker.msg_adapters.attitude import array_from_quaternion
+from star_tracker.msg_adapters.camera_info import camera_from_info
+from star_tracker.msg_adapters.image import picture_from_image
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.sky_image_node import SkyImageNode
 from star_tracker.nodes.sky_parameters import (

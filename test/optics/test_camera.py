@@ -59,7 +59,7 @@ def test_origin_is_the_outer_corner_of_the_first_pixel():
 def test_a_detector_that_counts_from_pixel_centres_differs_by_half_a_pixel():
     """OpenCV's (0, 0) is the centre of the first pixel, (0.5, 0.5) in our coordinates."""
     ours = Camera.from_fov(12, 512, 512)
-    opencv = Camera.from_fov(12, 512, 512, cx_px=255.5, cy_px=255.5)
+    opencv = Camera.from_fov(12, 512, 512, principal_point_px=(255.5, 255.5))
     np.testing.assert_allclose(opencv.vectors([(0, 0)]), ours.vectors([(0.5, 0.5)]), rtol=1e-15)
 
 

@@ -6,7 +6,7 @@ from engines import CAMERA, centroids_of, folding_lens, frame_of
 
 from star_tracker.geometry.spherical import separation
 from star_tracker.maps.simulation import uniform_noise
-from star_tracker.optics.camera import Camera
+from star_tracker.optics.camera import PIXEL_ORIGINS, Camera
 from star_tracker.optics.distortion import Distortion
 from star_tracker.optics.frame import see_at_scale
 
@@ -46,14 +46,26 @@ def test_a_centroid_without_a_ray_is_left_out_and_counted():
     assert frame.row.tolist() == [2, 0]
 
 
-def test_with_a_lens_there_is_no_margin_about_the_image():
-    lens = Distortion("plumb_bob", (-0.05, 0.0, 0.0, 0.0, 0.0))
-    xy = [(-1.0, 100), (0, 100), (512, 90), (513, 90)]
+LENS = Distortion("plumb_bob", (-0.05, 0.0, 0.0, 0.0, 0.0))
+
+
+def test_with_a_lens_the_margin_about_the_image_is_a_pixel():
+    xy = [(-1.01, 100), (-1.0, 100), (0, 100), (512, 90), (513, 90), (513.01, 90)]
     plain = Camera(512, 512, 1000.0, 1000.0, 256, 256)
-    assert shown(xy, plain).row.tolist() == [0, 1, 2, 3]
-    assert shown(xy, Camera(512, 512, 1000.0, 1000.0, 256, 256, "normal", lens)).row.tolist() == [
-        1, 2,
-    ]
+    assert shown(xy, plain).row.tolist() == [0, 1, 2, 3, 4, 5]
+    bent = Camera(512, 512, 1000.0, 1000.0, 256, 256, "normal", LENS)
+    assert shown(xy, bent).row.tolist() == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("lens", [None, LENS])
+@pytest.mark.parametrize("origin", PIXEL_ORIGINS)
+def test_a_star_in_the_outermost_half_pixel_is_inside_however_pixels_are_counted(origin, lens):
+    """A fifth of a pixel from each border, with noise that puts it as far outside."""
+    less = PIXEL_ORIGINS[origin]
+    camera = Camera(512, 400, 1000.0, 1000.0, 256 - less, 200 - less, "normal", lens)
+    for off in (0.2, -0.2):
+        xy = np.array([(off, 100), (512 - off, 100), (300, off), (300, 400 - off)])
+        assert frame_of(xy - less, camera).n == 4
 
 
 @pytest.mark.parametrize(("n", "room"), [(11, 10), (500, 10), (10, 10)])

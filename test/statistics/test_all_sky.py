@@ -14,6 +14,7 @@ from wrong_solutions import KINDS, NO_SKY, Asked, outcomes
 from star_tracker.attitude.attitude import covariance
 from star_tracker.geometry.spherical import separation
 from star_tracker.maps.simulation import (
+    Condition,
     SyntheticField,
     random_rotation,
     synthetic_field,
@@ -61,7 +62,7 @@ def frames(database, trackers):
         found[fov] = []
         for _ in range(N_ATTITUDES):
             truth = synthetic_field(
-                database.catalog, camera, random_rotation(rng), rng, noise_px=NOISE_PX
+                database.catalog, camera, random_rotation(rng), rng, Condition(noise_px=NOISE_PX)
             )
             found[fov].append(Frame(truth, trackers[fov].solve(truth.xy_px)))
     return found

@@ -12,6 +12,7 @@ from star_tracker.attitude.attitude import covariance
 from star_tracker.geometry.spherical import separation
 from star_tracker.maps.simulation import (
     CAMERAS,
+    Condition,
     random_rotation,
     synthetic_field,
     uniform_noise,
@@ -36,7 +37,9 @@ def frames(request, fallback):
     """The noise, and (truth, solution by the fallback alone) of random attitudes."""
     rng, catalog = np.random.default_rng(12), fallback.database.catalog
     truths = [
-        synthetic_field(catalog, CAMERA, random_rotation(rng), rng, noise_px=request.param)
+        synthetic_field(
+            catalog, CAMERA, random_rotation(rng), rng, Condition(noise_px=request.param)
+        )
         for _ in range(N_ATTITUDES)
     ]
     return request.param, [(truth, fallback.solve(truth.xy_px)) for truth in truths]

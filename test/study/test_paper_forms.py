@@ -6,7 +6,7 @@ import pytest
 from star_tracker.catalogue.pairs import PairTable
 from star_tracker.catalogue.patterns import Pattern, PatternLevel, PatternSettings
 from star_tracker.identification.fallback import StarField
-from star_tracker.maps.simulation import CAMERAS, random_rotation, synthetic_field
+from star_tracker.maps.simulation import CAMERAS, Condition, random_rotation, synthetic_field
 from star_tracker.study.chunks import IDENTIFIED, WRONG, MapChunk
 from star_tracker.study.own_methods import OwnMethod
 from star_tracker.study.paper_forms import (
@@ -118,7 +118,9 @@ def test_half_of_the_neighbours_missing_puts_hundreds_before_the_true_star():
     database, camera = Sky().database(), CAMERAS["20 deg"]
     rng, ranks = np.random.default_rng(41), []
     while len(ranks) < 12:
-        frame = synthetic_field(database.catalog, camera, random_rotation(rng), rng, missing=0.5)
+        frame = synthetic_field(
+            database.catalog, camera, random_rotation(rng), rng, Condition(missing=0.5)
+        )
         field = StarField(camera.vectors(frame.xy_px), camera.focal_length_px)
         main = int(field.from_centre[0])
         first = next(

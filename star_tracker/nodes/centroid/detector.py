@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
-from msg_adapters.image import (
+from star_tracker.detection.centroids import Centroids, DetectSettings
+from star_tracker.detection.detect import detect_stars
+from star_tracker.msg_adapters.image import (
     ImageError,
     Picture,
     picture_from_compressed,
     picture_from_image,
 )
-from star_tracker.detection.centroids import Centroids, DetectSettings
-from star_tracker.detection.detect import detect_stars
 
 #: Smaller images hold no star with sky around it.
 _SMALLEST_PX = 5

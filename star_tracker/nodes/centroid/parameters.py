@@ -6,10 +6,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from msg_adapters.detected_stars import PIXEL_ORIGINS
 from star_tracker.detection.centroids import PSF_RANGE_PX, DetectSettings
 from star_tracker.nodes.declaring import ParameterError, parameter, parameters_of
 from star_tracker.offline.image_file import read_image, require_pillow
+from star_tracker.optics.camera import PIXEL_ORIGINS
 
 _DETECT = DetectSettings()
 #: Topic of each way in which images come.

@@ -9,6 +9,8 @@ _REMEMBERED = 64
 #: Of so many frames the last, this share has to have a CameraInfo of its own stamp, or else a
 #: frame no longer waits for one: a driver may publish it for the first frame only, or for some.
 _FRAMES, _MOST = 10, 0.8
+#: How many cameras are kept apart by their frame_id.
+_MOST_FEEDS = 16
 
 
 class CameraFeed:
@@ -79,3 +81,63 @@ class CameraFeed:
         """Return the newest camera that is not younger than a stamp."""
         earlier = [(stamp, i) for i, (stamp, _) in enumerate(self._cameras) if stamp <= stamp_ns]
         return self._cameras[max(earlier)[1]][1] if earlier else None
+
+
+class CameraFeeds:
+    """The cameras of one topic, each by its frame_id.
+
+    A detector may leave out the frame_id or give its frames another: where all that was announced
+    has one, it does not matter what the frames have. Where it has several, several cameras share
+    the topic, and a frame takes that of its own frame_id, or none.
+    """
+
+    def __init__(self) -> None:
+        self._feeds: dict[str, CameraFeed] = {}
+        #: What frames have that took the only camera under another frame_id, after one wait: that
+        #: of their own might have been on its way.
+        self._strangers: set[str] = set()
+
+    @property
+    def frame_ids(self) -> list[str]:
+        """Under which frame_id cameras were announced."""
+        return sorted(self._feeds)
+
+    @property
+    def timeless(self) -> bool:
+        """Whether a frame has taken the only camera although that is younger than the frame."""
+        return any(feed.timeless for feed in self._feeds.values())
+
+    def announce(self, frame_id: str, stamp_ns: int, camera: Camera) -> None:
+        """Remember a camera."""
+        if frame_id not in self._feeds:
+            if len(self._feeds) >= _MOST_FEEDS:
+                self._feeds.pop(next(iter(self._feeds)))
+            self._feeds[frame_id] = CameraFeed()
+        self._feeds[frame_id].announce(stamp_ns, camera)
+
+    def settled(self, frame_id: str, stamp_ns: int) -> Camera | None:
+        """Return the camera of a frame if nothing that may still arrive can change it."""
+        feed = self._of(frame_id)
+        if feed is None or (frame_id and frame_id not in self._feeds.keys() | self._strangers):
+            return None
+        return feed.settled(stamp_ns)
+
+    def best(self, frame_id: str, stamp_ns: int) -> Camera | None:
+        """Return the camera that holds for a frame as far as is known now."""
+        feed = self._of(frame_id)
+        if feed is None:
+            return None
+        if frame_id not in self._feeds and len(self._strangers) < _MOST_FEEDS:
+            self._strangers.add(frame_id)
+        return feed.best(stamp_ns)
+
+    def answered(self, frame_id: str, stamp_ns: int) -> None:
+        """Take in that a frame is through."""
+        feed = self._of(frame_id)
+        if feed is not None:
+            feed.answered(stamp_ns)
+
+    def _of(self, frame_id: str) -> CameraFeed | None:
+        if len(self._feeds) == 1:
+            return next(iter(self._feeds.values()))
+        return self._feeds.get(frame_id)

@@ -1,5 +1,7 @@
 """What /diagnostics says of the camera: as told or found, and what frames have taught about it."""
 
+from collections.abc import Callable
+
 from star_tracker.calibration.camera_estimator import CameraEstimate
 from star_tracker.calibration.learning import LearningTracker
 from star_tracker.optics.camera import Camera
@@ -8,11 +10,16 @@ from star_tracker.optics.camera import Camera
 _RADIAL = ("k1", "k2")
 
 
-def camera_report(tracker: LearningTracker) -> tuple[str, str, dict[str, object]]:
-    """Return level, sentence and values of a status."""
-    camera, estimate = tracker.camera, tracker.estimate
-    if camera is None:
+def camera_report(
+    tracker: LearningTracker, told: Callable[[Camera], Camera]
+) -> tuple[str, str, dict[str, object]]:
+    """Return level, sentence and values of a status.
+
+    `told` returns a camera of the tracker, counted as the centroids are.
+    """
+    if tracker.camera is None:
         return "warn", "no camera was found yet", {}
+    camera, estimate = told(tracker.camera), tracker.estimate
     values: dict[str, object] = {
         "fov_deg": f"{camera.fov_deg:.6g}", "parity": camera.parity,
         "focal_length_px": camera.focal_length_px, "cx_px": camera.cx_px, "cy_px": camera.cy_px,

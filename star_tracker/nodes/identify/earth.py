@@ -8,12 +8,6 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu, NavSatFix
 from std_msgs.msg import Header
 
-from msg_adapters import MessageError
-from msg_adapters.attitude import quaternion_from_attitude
-from msg_adapters.imu import imu_from_attitude
-from msg_adapters.site import site_from_fix
-from msg_adapters.stamp import nanoseconds_from_header
-from msg_adapters.velocity import velocity_from_vector
 from star_tracker.earth.apparent import PRESSURE_RANGE_HPA, TEMPERATURE_RANGE_C, Atmosphere
 from star_tracker.earth.attitude import EarthAttitude, Fix, enu_attitude, itrs_attitude
 from star_tracker.earth.rotation import (
@@ -29,6 +23,12 @@ from star_tracker.earth.site import (
     Site,
 )
 from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.attitude import quaternion_from_attitude
+from star_tracker.msg_adapters.imu import imu_from_attitude
+from star_tracker.msg_adapters.site import site_from_fix
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
+from star_tracker.msg_adapters.velocity import velocity_from_vector
 from star_tracker.nodes.declaring import parameter
 from star_tracker.nodes.identify.transforms import Mounting
 from star_tracker.nodes.listening import PUBLISHED, subscribe, subscribe_latched

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from msg_adapters.point_cloud import Centroids
 from star_tracker.attitude.prediction import Predictor
 from star_tracker.calibration.learning import LearningTracker
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.msg_adapters.point_cloud import Centroids
 from star_tracker.nodes.identify.pace import Pace
 from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.optics.camera import Camera

@@ -11,10 +11,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Header
 
-from msg_adapters import MessageError
-from msg_adapters.camera_info import camera_from_info
-from msg_adapters.stamp import nanoseconds_from_header
-from star_tracker.nodes.identify.camera_feed import CameraFeed
+from star_tracker.msg_adapters import MessageError, shown
+from star_tracker.msg_adapters.camera_info import camera_from_info
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
+from star_tracker.nodes.identify.camera_feed import CameraFeeds
 from star_tracker.nodes.identify.solver_setup import SolverSetup
 from star_tracker.nodes.listening import (
     DropCounter,
@@ -45,6 +45,11 @@ class IncomingFrame:
         return self.message.header
 
     @property
+    def frame_id(self) -> str:
+        """The frame's frame_id."""
+        return str(self.message.header.frame_id)
+
+    @property
     def stamp_ns(self) -> int:
         """The frame's stamp."""
         return nanoseconds_from_header(self.message.header)
@@ -69,7 +74,7 @@ class Intake:
     ) -> None:
         self._node, self._setup = node, setup
         self._identify, self._reject = identify, reject
-        self._feed = CameraFeed()
+        self._feeds = CameraFeeds()
         self._refused = ""
         self._waiting: deque[IncomingFrame] = deque()
         self._drops = DropCounter()
@@ -119,7 +124,8 @@ class Intake:
             self._refused = str(error)
             self._reject(None, "camera_info", self._refused)
             return
-        self._feed.announce(nanoseconds_from_header(message.header), camera)
+        header = message.header
+        self._feeds.announce(str(header.frame_id), nanoseconds_from_header(header), camera)
         self._serve_waiting()
 
     def _on_centroids(self, message: PointCloud2, info: Mapping[str, Any]) -> None:
@@ -149,7 +155,7 @@ class Intake:
                 self._waiting.popleft()
                 self._identify(frame, self._setup().camera)
                 continue
-            camera = self._feed.settled(frame.stamp_ns)
+            camera = self._feeds.settled(frame.frame_id, frame.stamp_ns)
             if camera is None:
                 patience_s = self._setup().parameters.camera_info_wait_ms / 1e3
                 left_s = frame.taken_s + patience_s - time.monotonic()
@@ -161,7 +167,7 @@ class Intake:
                     return
                 camera = self._best(frame)
             self._waiting.popleft()
-            self._feed.answered(frame.stamp_ns)
+            self._feeds.answered(frame.frame_id, frame.stamp_ns)
             if camera is None:
                 self._reject(frame, "camera_info_missing", self._why_no_camera(frame))
             else:
@@ -173,9 +179,9 @@ class Intake:
 
     def _best(self, frame: IncomingFrame) -> Camera | None:
         """Return the camera that a frame gets after its wait."""
-        timeless = self._feed.timeless
-        camera = self._feed.best(frame.stamp_ns)
-        if self._feed.timeless and not timeless:
+        timeless = self._feeds.timeless
+        camera = self._feeds.best(frame.frame_id, frame.stamp_ns)
+        if self._feeds.timeless and not timeless:
             self._node.get_logger().warning(
                 f"the only camera announced on {self._topic} is younger than the frame"
                 f"{_zero(frame)}: it is taken for frames of any stamp"
@@ -184,8 +190,13 @@ class Intake:
 
     def _why_no_camera(self, frame: IncomingFrame) -> str:
         """Say why a frame has no camera, and what to do."""
-        topic, feed = self._topic, self._feed
-        if feed.n_announced:
+        topic, frame_ids = self._topic, self._feeds.frame_ids
+        if len(frame_ids) > 1 and frame.frame_id not in frame_ids:
+            return (
+                f"the CameraInfo of {topic} have frame_id {', '.join(map(shown, frame_ids))}, "
+                f"this frame has {shown(frame.frame_id)}: give it that of its camera"
+            )
+        if frame_ids:
             return (
                 f"all CameraInfo of {topic} are younger than this frame{_zero(frame)}, and not of "
                 "one camera: publish each with its frame's stamp or an earlier one"

@@ -1,7 +1,7 @@
 """What identify_node works with, made of its parameters as a whole."""
 
-from dataclasses import astuple, dataclass, fields
-from functools import cached_property
+from dataclasses import astuple, dataclass, fields, replace
+from functools import cached_property, lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,10 @@ from star_tracker.catalogue.depth import Depth
 from star_tracker.catalogue.ladder import LadderStep, ladder
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.searcher import METHODS
+from star_tracker.msg_adapters.centroids import Centroids
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.parameters import IdentifyParameters
-from star_tracker.optics.camera import Camera
+from star_tracker.optics.camera import PIXEL_ORIGINS, Camera
 from star_tracker.solution import SolveSettings
 
 _DIGEST_LENGTH = 12
@@ -55,6 +56,21 @@ class SolverSetup:
             return guides
         return (*guides, p.fov_deg, p.fov_min_deg, p.fov_max_deg, p.width_px, p.height_px)
 
+    def counted(self, centroids: Centroids) -> Centroids:
+        """Return a frame's centroids, counted as the camera is.
+
+        That is as camera_info counts, or else from the outer corner of the first pixel.
+        """
+        return replace(centroids, xy_px=centroids.xy_px + _added_px(self.parameters))
+
+    def told(self, camera: Camera) -> Camera:
+        """Return a camera that frames were solved with, counted as centroids are."""
+        return camera.moved(-_added_px(self.parameters))
+
+    def for_file(self, camera: Camera) -> Camera:
+        """Return a camera that frames were solved with, counted from the outer corner."""
+        return camera.moved(PIXEL_ORIGINS["center"] if self.parameters.use_camera_info else 0.0)
+
     @property
     def depth(self) -> Depth:
         """What of the catalogue is searched."""
@@ -64,17 +80,15 @@ class SolverSetup:
             p.max_separation_deg,
         )
 
-    @cached_property
+    @property
     def steps(self) -> tuple[LadderStep, ...]:
         """The databases for a field of view that is not known. Raises ValueError."""
         return self._steps(self.parameters.width_px or 1024, self.parameters.height_px or 1024)
 
     def _steps(self, width_px: int, height_px: int) -> tuple[LadderStep, ...]:
         p = self.parameters
-        return ladder(
-            (p.fov_min_deg, p.fov_max_deg), (width_px, height_px), catalog=p.catalog,
-            epoch=p.epoch, depth=self.depth,
-        )
+        size_px = width_px, height_px
+        return _ladder((p.fov_min_deg, p.fov_max_deg), size_px, p.catalog, p.epoch, self.depth)
 
     def sources(self, camera: Camera | None) -> Sources:
         """Return where a tracker that learns its camera gets its guide stars."""
@@ -161,8 +175,22 @@ class SolverSetup:
         return LearningTracker(own, told, self.settings, parity=self.parameters.parity)
 
 
+@lru_cache(maxsize=2)
+def _ladder(
+    fov_range_deg: tuple[float, float], size_px: tuple[int, int], catalog: str, epoch: float,
+    depth: Depth,
+) -> tuple[LadderStep, ...]:
+    """Return a ladder whose databases stay while other parameters change."""
+    return ladder(fov_range_deg, size_px, catalog=catalog, epoch=epoch, depth=depth)
+
+
 #: Stands for the camera until camera_info has told the true one.
 _TYPICAL = Camera.from_fov(20.0, 1024, 1024)
+
+
+def _added_px(p: IdentifyParameters) -> float:
+    """Return what is added to centroids, so that they are counted as the camera is."""
+    return 0.0 if p.use_camera_info else PIXEL_ORIGINS[p.pixel_origin]
 
 
 def _camera(p: IdentifyParameters) -> Camera | None:
@@ -183,8 +211,10 @@ def _camera(p: IdentifyParameters) -> Camera | None:
         )
     if p.fov_deg == 0:
         return None
-    cx_px, cy_px = p.principal_point_px
+    cx_px, cy_px = (
+        None if one is None else one + _added_px(p) for one in p.principal_point_px
+    )
     return Camera.from_fov(
-        p.fov_deg, p.width_px, p.height_px, parity=p.parity, cx_px=cx_px, cy_px=cy_px,
+        p.fov_deg, p.width_px, p.height_px, parity=p.parity, principal_point_px=(cx_px, cy_px),
         tolerance_percent=p.fov_tolerance_percent,
     )

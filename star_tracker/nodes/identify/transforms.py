@@ -8,15 +8,15 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Header
 
-from msg_adapters import MessageError
-from msg_adapters.transforms import (
+from star_tracker.attitude.attitude import Attitude
+from star_tracker.geometry.spherical import Floats
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.transforms import (
     FrameRotation,
     rotations_from_tf,
     tf_from_rotation,
     tf_message_type,
 )
-from star_tracker.attitude.attitude import Attitude
-from star_tracker.geometry.spherical import Floats
 from star_tracker.nodes.declaring import parameter
 from star_tracker.nodes.identify.static_frames import StaticFrames
 

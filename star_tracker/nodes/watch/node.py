@@ -13,12 +13,12 @@ from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, PointCloud2
 
-from msg_adapters import MessageError
-from msg_adapters.health import report_from_status
-from msg_adapters.imu import orientation_from_imu
-from msg_adapters.point_cloud import stars_from_cloud
-from msg_adapters.solution import name_from_diagnostics, values_from_diagnostics
-from msg_adapters.stamp import nanoseconds_from_header
+from star_tracker.msg_adapters import MessageError
+from star_tracker.msg_adapters.health import report_from_status
+from star_tracker.msg_adapters.imu import orientation_from_imu
+from star_tracker.msg_adapters.point_cloud import stars_from_cloud
+from star_tracker.msg_adapters.solution import name_from_diagnostics, values_from_diagnostics
+from star_tracker.msg_adapters.stamp import nanoseconds_from_header
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.listening import subscribe
 from star_tracker.nodes.running import run
