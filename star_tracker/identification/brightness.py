@@ -1,4 +1,4 @@
-"""Brightness as evidence: do the matched centroids differ in magnitude as their guide stars do?
+"""Brightness as evidence: matched centroids differ in magnitude as their guide stars do.
 
 If the matches are true, instrumental magnitudes differ from the catalogue's by one zero point and
 some scatter; if not, they are any of the frame's.
