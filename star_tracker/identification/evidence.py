@@ -38,8 +38,15 @@ from star_tracker.attitude.information import (
     with_direction,
     with_scale,
 )
-from star_tracker.compiled import compiled
+from star_tracker.compiled import compiled, inlined
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.stream import (
+    begin,
+    gain,
+    is_as_expected,
+    nothing_expected,
+    one_more,
+)
 
 #: Centroid noise where none is given: a typical value, px, and how sure that is.
 _TYPICAL_SIGMA_PX = 0.7
@@ -103,23 +110,33 @@ class Evidence(NamedTuple):
         freedom: nu, how sure the noise is.
         scale_px2: nu sigma_0^2.
         widening: by how much a variance of so many degrees of freedom is widened; see `variance`.
+        expected: (1,) of `stream.EXPECTED`: what does change, as earlier frames teach it.
     """
 
     log_factorial: Floats
     freedom: float
     scale_px2: float
     widening: Floats
+    expected: NDArray[np.void]
 
 
-def evidence(most: int, centroid_sigma_px: float) -> Evidence:
-    """Prepare for up to `most` centroids and guide stars; a noise of 0 px stands for unknown."""
+def evidence(
+    most: int, centroid_sigma_px: float, expected: NDArray[np.void] | None = None
+) -> Evidence:
+    """Prepare for up to `most` centroids and guide stars; a noise of 0 px stands for unknown.
+
+    `expected` (1,) is what earlier frames teach, None for a lone frame.
+    """
     known = centroid_sigma_px > 0
     sigma = centroid_sigma_px if known else _TYPICAL_SIGMA_PX
     freedom = _KNOWN_FREEDOM if known else _UNKNOWN_FREEDOM
     degrees = np.arange(1, _MOST_FREEDOM)
     widening = np.ones(_MOST_FREEDOM)
     widening[1:] = fdtri(3, degrees, _BOUND) / (chdtri(3, 1 - _BOUND) / 3)
-    return Evidence(gammaln(np.arange(most + 1) + 1.0), freedom, freedom * sigma**2, widening)
+    return Evidence(
+        gammaln(np.arange(most + 1) + 1.0), freedom, freedom * sigma**2, widening,
+        nothing_expected() if expected is None else expected,
+    )
 
 
 @compiled
@@ -127,7 +144,8 @@ def variance(e: Evidence, sum2: float, k: int, free: bool) -> float:
     """Return the variance of a centroid along each axis, px^2, to be believed of k matches.
 
     What was told of the noise and the squared residuals together (Gelman et al. 2013, 2.6), or the
-    residuals alone where nothing was: what is typical would hide how good a detector is. Few
+    residuals alone where nothing was: what is typical would hide how good a detector is. So does
+    what earlier frames have taught, unless the residuals are too large for that. Few
     residuals may all be small by chance, so that the variance is widened until an error beyond the
     99 % bound of a normal distribution with it is as rare as it should be, which makes it that of
     Student's distribution there. Never below `_FLOOR_PX`.
@@ -137,6 +155,9 @@ def variance(e: Evidence, sum2: float, k: int, free: bool) -> float:
     if e.freedom > _UNKNOWN_FREEDOM:
         freedom += int(e.freedom)
         scale_px2 += e.scale_px2
+    elif is_as_expected(e.expected[0], sum2, freedom):
+        freedom += int(e.expected[0].freedom)
+        scale_px2 += e.expected[0].scale_px2
     value = scale_px2 / freedom * e.widening[min(freedom, len(e.widening) - 1)]
     return max(value, _FLOOR_PX * _FLOOR_PX)
 
@@ -161,8 +182,12 @@ def strongest(
     per_star = np.log(optics[0] * optics[1] / (2 * np.pi))
     information, of_scale = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     s = 0.0
-    half = 0.5 * (e.freedom + (2 if pose.free else 3))
+    of_matches = 1.0 if pose.free else 1.5
+    half = 0.5 * e.freedom + of_matches
     log_gamma = math.lgamma(half)
+    expected, stream = e.expected[0], (0.0, 0.0, 0.0)
+    if expected.freedom > 0.0:
+        stream = begin(expected, n, m, of_matches)
     best, most = -np.inf, 0
     for i in range(n_matched):
         b = vectors[observed[i]]
@@ -186,11 +211,21 @@ def strongest(
             - 0.5 * np.log(max(size, 1e-300))
             + log_gamma - half * np.log(0.5 * (s + e.scale_px2))
         )
+        if expected.freedom > 0.0:
+            value += gain(expected, stream, s, _of_noise(e, s, half, log_gamma))
+            stream = one_more(expected, stream, n, k)
         if value > best:
             best, most = value, k
         log_gamma += np.log(half)
         half += 1.0
     return most, best / np.log(10.0)
+
+
+@inlined
+def _of_noise(e: Evidence, s: float, half: float, log_gamma: float) -> float:
+    """Return the part of the log evidence that depends on the noise of a lone frame."""
+    of_prior = 0.5 * e.freedom * np.log(0.5 * e.scale_px2) - math.lgamma(0.5 * e.freedom)
+    return of_prior + log_gamma - half * np.log(0.5 * (s + e.scale_px2))
 
 
 @compiled

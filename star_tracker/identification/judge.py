@@ -117,7 +117,7 @@ def associate(
         if outside > gate_px:
             continue
         n_inside += outside <= 0.0
-        star, residual2 = _nearest(plane_px, n, place[g, 0], place[g, 1], gate_px)
+        star, residual2 = nearest_centroid(plane_px, n, place[g, 0], place[g, 1], gate_px)
         guide_star[g] = star
         if star >= 0 and residual2 <= star_residual2[star]:
             star_residual2[star] = residual2
@@ -142,7 +142,7 @@ def project(sky: Any, pose: Any, n_near: int, matches: Any) -> None:
 
 
 @inlined
-def _nearest(plane_px: Floats, n: int, x: float, y: float, gate_px: float) -> tuple[int, float]:
+def nearest_centroid(plane_px: Floats, n: int, x: float, y: float, gate_px: float) -> tuple[int, float]:
     """Return which of `n` centroids is nearest to a place within a gate, -1 for none."""
     at, high = 0, n
     while at < high:

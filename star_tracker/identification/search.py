@@ -6,7 +6,7 @@ import numpy as np
 
 from star_tracker.attitude.pose import copy_pose
 from star_tracker.attitude.wahba import solve_wahba
-from star_tracker.compiled import compiled
+from star_tracker.compiled import clock_s, compiled
 from star_tracker.identification.cells import best_cells, members, triangle_check
 from star_tracker.identification.crowd import crowding
 from star_tracker.identification.ended import Ended
@@ -45,11 +45,13 @@ _WORK_OF_A_RUN, _WORK_OF_A_LOOK, _WORK_OF_JUDGING = 10.0, 200.0, 2000.0
 #: How far a search has come, and the best that it has found: one record, which Python reads too.
 #: `n_hypotheses` pairs were compared with pairs, `n_since_best` candidates judged since the best
 #: pose was found, which `n_matched` matches carry; `score` and `rival_score` are the log10
-#: evidence of the best pose and of the best other pose.
+#: evidence of the best pose and of the best other pose. At `stop_s` of `time.monotonic` the search
+#: makes way.
 PROGRESS = np.dtype([
     ("level", np.int64), ("next_main", np.int64), ("n_hypotheses", np.int64),
     ("n_judged", np.int64), ("n_since_best", np.int64), ("n_matched", np.int64),
     ("score", np.float64), ("rival_score", np.float64), ("tolerance_px", np.float64),
+    ("stop_s", np.float64),
 ])
 
 
@@ -62,6 +64,8 @@ class Limits(NamedTuple):
         second_look: how many more candidates have to be worse than one that is enough.
         work: votes between two looks at the clock.
         displaced_gate_px: farthest a displaced star may lie from its place; 0 labels none.
+        both_parities: whether either parity may be the true one, so that a figure that is its own
+            mirror image tells nothing.
     """
 
     certain: float
@@ -69,6 +73,7 @@ class Limits(NamedTuple):
     second_look: float
     work: float
     displaced_gate_px: float
+    both_parities: bool = False
 
 
 @compiled
@@ -77,7 +82,7 @@ def forget(progress: Any) -> None:
     progress.level = progress.next_main = progress.n_hypotheses = progress.n_judged = 0
     progress.n_since_best = progress.n_matched = 0
     progress.score = progress.rival_score = -np.inf
-    progress.tolerance_px = 0.0
+    progress.tolerance_px, progress.stop_s = 0.0, np.inf
 
 
 @compiled
@@ -109,7 +114,16 @@ def search(engine: Any) -> int:
         clear(engine.votes)
         if certain(progress, limits, frame.n):
             return Ended.CERTAIN
+        if _late(progress):  # in the middle of it, perhaps
+            progress.next_main -= 1
+            return Ended.MORE
     return Ended.EXHAUSTED
+
+
+@compiled
+def _late(progress: Any) -> bool:
+    """Return whether the time is up."""
+    return progress.stop_s < np.inf and clock_s() > progress.stop_s
 
 
 @compiled
@@ -157,7 +171,7 @@ def _try_main(engine: Any, main: int, level: Any) -> float:
         for i in range(n_cells):
             work += _WORK_OF_A_CELL
             _try_cell(engine, end, main, cells[i], level.tolerance_px)
-            if certain(progress, engine.limits, frame.n):
+            if certain(progress, engine.limits, frame.n) or _late(progress):
                 return work
     return work
 
@@ -199,7 +213,7 @@ def _try_main_by_shape(engine: Any, main: int, level: Any) -> float:
         n_judged = votes.n_reached
         for i in range(n_cells):
             work += _try_cell_by_shape(engine, main, cells[i], n_fan, level)
-            if certain(progress, engine.limits, frame.n):
+            if certain(progress, engine.limits, frame.n) or _late(progress):
                 return work
         done = end
     return work
