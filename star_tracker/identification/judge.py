@@ -66,12 +66,13 @@ SkyType, Sky = struct("Sky", __name__, View._fields)
 #: - observed, catalog: (n,) the matches, indices into the frame and the catalogue;
 #: - residual2: (n,) their squared distances, px^2, ascending;
 #: - trial: a pose;
-#: - n_best: how many matches carry the evidence of the pose judged last;
+#: - n_best: how many matches carry the evidence of the pose judged last, and n_in_view: of so many
+#:   guide stars in the image;
 #: - n_settled: the same if that pose was fitted to the very matches listed, else 0;
 #: - n_matched, n_near: then, how many matches are listed and how many guide stars are near.
 MatchesType, Matches = struct("Matches", __name__, (
     "near", "place", "guide_star", "star_guide", "star_residual2", "observed", "catalog",
-    "residual2", "trial", "n_best", "n_settled", "n_matched", "n_near",
+    "residual2", "trial", "n_best", "n_in_view", "n_settled", "n_matched", "n_near",
 ))
 
 
@@ -81,7 +82,7 @@ def empty_matches(n_guides: int, n_centroids: int) -> Any:
     return Matches(
         np.empty(n_guides, np.int64), np.empty((n_guides, 3)), np.empty(n_guides, np.int64),
         np.empty(n_centroids, np.int64), np.empty(n_centroids), np.empty(n_centroids, np.int64),
-        np.empty(n_centroids, np.int64), np.empty(n_centroids), identity_pose(), 0, 0, 0, 0,
+        np.empty(n_centroids, np.int64), np.empty(n_centroids), identity_pose(), 0, 0, 0, 0, 0,
     )
 
 
@@ -208,7 +209,7 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
             score += brightness(magnitude, sky.v_mag, matches.observed, matches.catalog, k)
         if not score > best or (pose.free and score < _HOPELESS):
             break
-        best, matches.n_best = score, k
+        best, matches.n_best, matches.n_in_view = score, k, n_inside
         copy_pose(trial, pose)
         # The pose was fitted to these very matches already: they will not change any more.
         names = _names(matches, k)

@@ -16,16 +16,21 @@ from star_tracker.identification.evidence import ScalePrior
 #: - cells: most cells of a main star and batch;
 #: - worth: the least worth of a candidate by shape (`shapes.keep_agreeing`): false ones have 0.9
 #:   to 2.7 in the median, true ones 4 to 5;
-#: - pause: whether the searches of other cameras have their turn after it.
+#: - pause: whether the searches of other cameras have their turn after it;
+#: - least_n: for frames of at least so many centroids.
 LEVEL = np.dtype([
     ("by_shape", np.bool_), ("tolerance_px", np.float64), ("companions", np.int64),
     ("mains", np.int64), ("batch", np.int64), ("votes", np.int64), ("cells", np.int64),
-    ("worth", np.float64), ("pause", np.bool_),
+    ("worth", np.float64), ("pause", np.bool_), ("least_n", np.int64),
 ])
 #: As many main stars as the frame has stars.
 _ALL = np.iinfo(np.int64).max
 #: Most cells of a main star in a full search by shape.
 MOST_SHAPE_CELLS = 64
+#: In frames of so many centroids, nearly all of them false, the nearest few companions of a star
+#: hardly have a true one among them: more of them vote before the full search. With 15 times as
+#: many false stars as true ones four of 64 are true, enough to stand out in every second star.
+FULL_OF_FALSE, _MANY_COMPANIONS = 250, 64
 
 
 def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
@@ -38,7 +43,9 @@ def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
     """
     by_separation = _by_separation(settings)
     if prior.log_range == 0.0:
-        return np.array(by_separation, LEVEL)
+        n_short = 3 * settings.quick
+        many = _among_false(settings)
+        return np.array(by_separation[:n_short] + many + by_separation[n_short:], LEVEL)
     by_shape = _by_shape(settings)
     if not prior.told:
         return np.array(by_shape, LEVEL)
@@ -60,17 +67,25 @@ def _by_separation(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
     n = settings.companions
     full = [(t, n, _ALL, n) for t in settings.pair_tolerance_px]
     rows = short * settings.quick + full
-    return [(False, *row, 0, settings.cells, 0.0, False) for row in rows]
+    return [(False, *row, 0, settings.cells, 0.0, False, 0) for row in rows]
+
+
+def _among_false(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
+    if settings.companions >= _MANY_COMPANIONS:
+        return []
+    n, first = _MANY_COMPANIONS, settings.pair_tolerance_px[0]
+    return [(False, first, n, _ALL, n, 0, settings.cells, 0.0, False, FULL_OF_FALSE)]
 
 
 def _by_shape(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
     first, second = settings.pair_tolerance_px[0], settings.pair_tolerance_px[:2][-1]
     short: list[tuple[float, ...]] = [
-        (True, first, 6, 3, 6, 3, 24, 2.0, True), (True, first, 12, 6, 12, 3, 48, 2.0, False),
-        (True, second, 12, 4, 12, 3, 48, 2.5, True),
+        (True, first, 6, 3, 6, 3, 24, 2.0, True, 0),
+        (True, first, 12, 6, 12, 3, 48, 2.0, False, 0),
+        (True, second, 12, 4, 12, 3, 48, 2.5, True, 0),
     ]
     n = settings.companions
     full: list[tuple[float, ...]] = [
-        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 1.5, True) for t in settings.pair_tolerance_px
+        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 1.5, True, 0) for t in settings.pair_tolerance_px
     ]
     return short * settings.quick + full

@@ -11,6 +11,7 @@ from star_tracker.identification.cells import best_cells, members, triangle_chec
 from star_tracker.identification.crowd import crowding
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.judge import judge
+from star_tracker.identification.plan import FULL_OF_FALSE
 from star_tracker.identification.shapes import (
     cast_by_shape,
     choose_runs,
@@ -37,6 +38,8 @@ _PROMISING, _BEYOND_DOUBT, _LOOK_FARTHER_PX = -1.0, 16.0, 6.0
 _FEWEST_CELLS, _CELLS_OF_A_LEVEL = 6, 480
 #: Decades of evidence a centroid without which the search does not end at once.
 _NEEDED_A_STAR = 0.7
+#: Matches that fix a pose wherever they are.
+_MANY_MATCHED = 15
 #: The work of judging a cell, in votes; by shape, of a run of rows, of a look at a cell's members
 #: and of judging them.
 _WORK_OF_A_CELL = 1000.0
@@ -44,12 +47,13 @@ _WORK_OF_A_RUN, _WORK_OF_A_LOOK, _WORK_OF_JUDGING = 10.0, 200.0, 2000.0
 
 #: How far a search has come, and the best that it has found: one record, which Python reads too.
 #: `n_hypotheses` pairs were compared with pairs, `n_since_best` candidates judged since the best
-#: pose was found, which `n_matched` matches carry; `score` and `rival_score` are the log10
+#: pose was found, which `n_matched` matches carry, of `n_in_view` guide stars; `score` and `rival_score` are the log10
 #: evidence of the best pose and of the best other pose. At `stop_s` of `time.monotonic` the search
 #: makes way.
 PROGRESS = np.dtype([
     ("level", np.int64), ("next_main", np.int64), ("n_hypotheses", np.int64),
     ("n_judged", np.int64), ("n_since_best", np.int64), ("n_matched", np.int64),
+    ("n_in_view", np.int64),
     ("score", np.float64), ("rival_score", np.float64), ("tolerance_px", np.float64),
     ("stop_s", np.float64),
 ])
@@ -80,7 +84,7 @@ class Limits(NamedTuple):
 def forget(progress: Any) -> None:
     """Begin a search anew: nothing is found yet."""
     progress.level = progress.next_main = progress.n_hypotheses = progress.n_judged = 0
-    progress.n_since_best = progress.n_matched = 0
+    progress.n_since_best = progress.n_matched = progress.n_in_view = 0
     progress.score = progress.rival_score = -np.inf
     progress.tolerance_px, progress.stop_s = 0.0, np.inf
 
@@ -95,7 +99,7 @@ def search(engine: Any) -> int:
     while progress.level < len(levels):
         at = progress.level
         level = levels[at]
-        if progress.next_main >= min(frame.n, level.mains):
+        if frame.n < level.least_n or progress.next_main >= min(frame.n, level.mains):
             progress.level, progress.next_main = at + 1, 0
             if level.pause and progress.level < len(levels):
                 return Ended.MORE
@@ -130,7 +134,8 @@ def _late(progress: Any) -> bool:
 def _tried(before: Any, now: Any, place: int, n: int) -> bool:
     """Return whether all companions of a main star have voted at the level before already."""
     same = before.tolerance_px == now.tolerance_px and not (before.by_shape or now.by_shape)
-    return same and place <= before.mains and n - 1 <= before.companions
+    looked = n >= before.least_n and place <= before.mains
+    return same and looked and n - 1 <= before.companions
 
 
 @compiled
@@ -142,6 +147,11 @@ def certain(progress: Any, limits: Limits, n: int) -> bool:
     needed = max(limits.certain, _NEEDED_A_STAR * n)
     if score > max(_BEYOND_DOUBT, needed) or (score > needed and 2 * progress.n_matched >= n):
         return True
+    # Among hundreds of false stars nothing has that much. There a pose is sure that shows most of
+    # the guide stars in its view, and many.
+    if n >= FULL_OF_FALSE and score > 2 * _BEYOND_DOUBT:
+        if 2 * progress.n_matched >= max(progress.n_in_view, 2 * _MANY_MATCHED):
+            return True
     enough = max(limits.enough, 0.5 * _NEEDED_A_STAR * n)
     return score > enough and progress.n_since_best > limits.second_look
 
@@ -271,6 +281,7 @@ def judge_and_keep(engine: Any, pose: Any, tolerance_px: float) -> float:
         progress.score, progress.tolerance_px = score, tolerance_px
         copy_pose(pose, best)
         progress.n_since_best, progress.n_matched = 0, matches.n_best
+        progress.n_in_view = matches.n_in_view
     elif not same and score > progress.rival_score:
         progress.rival_score = score
     return score
