@@ -52,13 +52,15 @@ def scenes(catalog: StarCatalog, camera: Camera, n: int) -> Iterator[tuple[str, 
     for points in POINTS:
         rng = np.random.default_rng(points)
         yield f"noise {points}", uniform_noise(camera, points, rng)
-        yield f"clump {points}", (w / 2, h / 2) + rng.normal(0, 0.04 * w, (points, 2))
+        yield f"clump {points}", rng.normal(0, 0.04 * w, (points, 2)) + np.array((w / 2, h / 2))
         side = int(np.ceil(points**0.5))
         x, y = np.meshgrid(np.linspace(0.02, 0.98, side), np.linspace(0.02, 0.98, side))
         yield f"grid {points}", (np.column_stack([x.ravel(), y.ravel()]) * (w, h))[:points]
 
 
-def tracker(kind: str, database: FeatureDatabase, camera: Camera) -> StarTracker | AnyCameraTracker:
+def tracker(
+    kind: str, database: FeatureDatabase, camera: Camera
+) -> StarTracker | AnyCameraTracker:
     """Return what solves the frames."""
     if kind == "any":
         steps = ladder((4.0, 70.0), (camera.width_px, camera.height_px), catalog="paper")
@@ -120,7 +122,8 @@ def main() -> int:
         found: dict[float, list[tuple[float, str]]] = {each: [] for each in DEADLINES_MS}
         for name, camera in CAMERAS.items():
             solver = tracker(kind, database, camera)
-            solver.solve(uniform_noise(camera, 30, np.random.default_rng(0)))  # loads what it needs
+            noise = uniform_noise(camera, 30, np.random.default_rng(0))
+            solver.solve(noise)  # loads what it needs
             for scene, xy_px in scenes(database.catalog, camera, options.frames):
                 for deadline_ms, late in found.items():
                     over = (watch.overrun_ms(solver, xy_px, deadline_ms) for _ in range(_TRIES))

@@ -1,4 +1,4 @@
-"""What does a stream gain by what its frames teach, and what does a sudden change do to it?
+"""What a stream gains by what its frames teach, and what a sudden change does to it.
 
 `python benchmark/stream.py [--frames N]`: streams of the 12 deg camera, each frame of exactly so
 many true stars at a random attitude, with so many false stars, first each alone (`StarTracker`),

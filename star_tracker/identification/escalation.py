@@ -77,18 +77,10 @@ class Escalation:
         in_time = len(begun) == len(self._asked) and all(
             one.ended != Ended.MORE for one in begun
         )
-        ended, reason = Ended.EXHAUSTED, found
-        # Found by the fallback, or certain but for the other centroids when the time was up. What
-        # is certain and yet not solved fits in a mirror as well.
-        if best.score > self._limits.certain and best.ended != Ended.CERTAIN:
-            best.label(task)
-        if best.ended == Ended.SOLVED:
-            ended = Ended.SOLVED
-        elif not in_time:
-            ended = Ended.MORE
-        elif best.score > self._limits.enough:
-            ended, reason = self._doubt(best, task)
-        if ended == Ended.MORE:
+        ended, reason = self._weighed(best, task, in_time=in_time)
+        if ended == Ended.EXHAUSTED:
+            reason = found
+        elif ended == Ended.MORE:
             reason = f"deadline {task.deadline_ms:g} ms passed, {found}"
         if ended == Ended.SOLVED:
             if best.ended != Ended.SOLVED:
@@ -99,6 +91,20 @@ class Escalation:
                     "the field of view is not known"
                 )
         return Verdict(ended, best, n_hypotheses, reason)
+
+    def _weighed(self, best: Searcher, task: Task, *, in_time: bool) -> tuple[Ended, str]:
+        """Return how a frame ends that no searcher has solved, and why where its rivals say so."""
+        # Found by the fallback, or certain but for the other centroids when the time was up. What
+        # is certain and yet not solved fits in a mirror as well.
+        if best.score > self._limits.certain and best.ended != Ended.CERTAIN:
+            best.label(task)
+        if best.ended == Ended.SOLVED:
+            return Ended.SOLVED, ""
+        if not in_time:
+            return Ended.MORE, ""
+        if best.score > self._limits.enough:
+            return self._doubt(best, task)
+        return Ended.EXHAUSTED, ""
 
     def _search_on(self, task: Task) -> int:
         """Let the primary go on, the fallback have its turn, and the primary what time is left.

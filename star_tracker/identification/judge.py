@@ -143,7 +143,9 @@ def project(sky: Any, pose: Any, n_near: int, matches: Any) -> None:
 
 
 @inlined
-def nearest_centroid(plane_px: Floats, n: int, x: float, y: float, gate_px: float) -> tuple[int, float]:
+def nearest_centroid(
+    plane_px: Floats, n: int, x: float, y: float, gate_px: float
+) -> tuple[int, float]:
     """Return which of `n` centroids is nearest to a place within a gate, -1 for none."""
     at, high = 0, n
     while at < high:

@@ -86,6 +86,7 @@ def _by_shape(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
     ]
     n = settings.companions
     full: list[tuple[float, ...]] = [
-        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 1.5, True, 0) for t in settings.pair_tolerance_px
+        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 1.5, True, 0)
+        for t in settings.pair_tolerance_px
     ]
     return short * settings.quick + full

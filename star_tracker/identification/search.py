@@ -47,9 +47,9 @@ _WORK_OF_A_RUN, _WORK_OF_A_LOOK, _WORK_OF_JUDGING = 10.0, 200.0, 2000.0
 
 #: How far a search has come, and the best that it has found: one record, which Python reads too.
 #: `n_hypotheses` pairs were compared with pairs, `n_since_best` candidates judged since the best
-#: pose was found, which `n_matched` matches carry, of `n_in_view` guide stars; `score` and `rival_score` are the log10
-#: evidence of the best pose and of the best other pose. At `stop_s` of `time.monotonic` the search
-#: makes way.
+#: pose was found, which `n_matched` matches carry, of `n_in_view` guide stars; `score` and
+#: `rival_score` are the log10 evidence of the best pose and of the best other pose. At `stop_s` of
+#: `time.monotonic` the search makes way.
 PROGRESS = np.dtype([
     ("level", np.int64), ("next_main", np.int64), ("n_hypotheses", np.int64),
     ("n_judged", np.int64), ("n_since_best", np.int64), ("n_matched", np.int64),
@@ -149,9 +149,9 @@ def certain(progress: Any, limits: Limits, n: int) -> bool:
         return True
     # Among hundreds of false stars nothing has that much. There a pose is sure that shows most of
     # the guide stars in its view, and many.
-    if n >= FULL_OF_FALSE and score > 2 * _BEYOND_DOUBT:
-        if 2 * progress.n_matched >= max(progress.n_in_view, 2 * _MANY_MATCHED):
-            return True
+    matched = max(0.5 * progress.n_in_view, _MANY_MATCHED)
+    if n >= FULL_OF_FALSE and score > 2 * _BEYOND_DOUBT and progress.n_matched >= matched:
+        return True
     enough = max(limits.enough, 0.5 * _NEEDED_A_STAR * n)
     return score > enough and progress.n_since_best > limits.second_look
 

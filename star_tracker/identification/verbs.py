@@ -63,8 +63,8 @@ def judge_match(
 ) -> int:
     """Judge the pose of matched centroids (k,) and guide stars (k,); CERTAIN or MORE.
 
-    Matches that lie on one line of sight are no hypothesis and are passed over. A figure that tells
-    no parity is not certain where that is asked for.
+    Matches that lie on one line of sight are no hypothesis and are passed over. A figure that
+    tells no parity is not certain where that is asked for.
     """
     pose, vectors = engine.room.pose, engine.frame.vectors
     see_at_scale(engine.frame, engine.sky.focal_px, 1.0)

@@ -69,7 +69,7 @@ class FrameSolver:
         return self.tracker.camera
 
     def reset(self) -> None:
-        """Forget the last fix and the noise: the next frame is searched lost in space, as a first one."""
+        """Forget last fix and noise: the next frame is searched lost in space, as a first one."""
         self._predictor.reset()
         for tracker in self._trackers.values():
             tracker.noise.forget()
