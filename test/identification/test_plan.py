@@ -50,8 +50,6 @@ def test_among_hundreds_of_false_stars_many_companions_vote_before_the_full_sear
     assert at == 3 * quick
     assert found["mains"][at] == ALL
     assert found["companions"][at] > found["companions"][at + 1]
-    many = levels(MatchGroupSettings(companions=64), EXACT)  # then all levels have them
-    assert not many["least_n"].any()
 
 
 @pytest.mark.parametrize("prior", [EXACT, scale_prior(5.0), UNKNOWN], ids=["exact", "5 %", "any"])
