@@ -71,8 +71,6 @@ def _by_separation(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
 
 
 def _among_false(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
-    if settings.companions >= _MANY_COMPANIONS:
-        return []
     n, first = _MANY_COMPANIONS, settings.pair_tolerance_px[0]
     return [(False, first, n, _ALL, n, 0, settings.cells, 0.0, False, FULL_OF_FALSE)]
 

@@ -222,7 +222,7 @@ def test_another_camera_begins_with_nothing_known_of_its_noise():
     learnt = tracker()
     for xy, _ in frames(Camera.from_fov(30.0, *SIZE_PX), 8, noise_px=0.3):
         learnt.solve(xy)
-    assert learnt.noise.n_frames >= 5
+    assert learnt.noise.n_frames > 1  # it begins anew when the camera is known better
     learnt.solve(frames(Camera.from_fov(15.0, *SIZE_PX), 1, seed=15)[0][0])
     assert learnt.noise.n_frames <= 1
 
