@@ -208,12 +208,13 @@ def test_a_stream_whose_noise_grows_at_once_is_solved_as_lone_frames_are():
 
 def test_unrelated_frames_after_a_good_sky_are_not_solved():
     camera = Camera.from_fov(12.0, *SIZE_PX)
-    learnt, rng = tracker(camera), np.random.default_rng(5)
+    settings = replace(SETTINGS, method="match_group")
+    learnt, rng = LearningTracker(SOURCES, camera, settings), np.random.default_rng(5)
     for xy, _ in sparse(camera, 10, stars=9, noise_px=0.1, seed=6):
         learnt.solve(xy)
     assert learnt.noise.expectation is not None
-    for _ in range(60):
-        noise = uniform_noise(camera, int(rng.integers(4, 16)), rng)
+    for _ in range(51):
+        noise = uniform_noise(camera, int(rng.integers(4, 12)), rng)
         assert learnt.solve(noise).status is not Status.SOLVED
     assert learnt.noise.expectation is None
 
