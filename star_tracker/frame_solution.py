@@ -35,11 +35,12 @@ _STATUS = {
 }
 
 
-def setup_of(settings: SolveSettings) -> Setup:
-    """Return what the searchers are made with."""
+def setup_of(settings: SolveSettings, *, both_parities: bool) -> Setup:
+    """Return what the searchers are made with; either parity may be the true one, or not."""
     enough = -settings.max_log10_false_alarms
     limits = Limits(
-        max(_CERTAIN, enough), enough, _SECOND_LOOK, _WORK, settings.displaced_gate_px
+        max(_CERTAIN, enough), enough, _SECOND_LOOK, _WORK, settings.displaced_gate_px,
+        both_parities,
     )
     return Setup(
         settings.match_group if settings.method != METHODS[1] else None, limits,

@@ -193,6 +193,7 @@ class Bench:
     ):
         limits = Limits(8.0, 3.0, 10.0, 20_000.0, displaced_gate_px)
         setup = Setup(settings or MatchGroupSettings(), limits, sigma_px, 1000)
+        self.expected = setup.expected
         (self.searcher,) = setup.searchers(database, (camera,), prior)
         self.engine, self.results = self.searcher._engine, self.searcher.results
         self.camera, self.guides = camera, database.catalog.vectors

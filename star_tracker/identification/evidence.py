@@ -29,6 +29,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri, gammaln
 
 from star_tracker.attitude.information import (
@@ -37,8 +38,15 @@ from star_tracker.attitude.information import (
     with_direction,
     with_scale,
 )
-from star_tracker.compiled import compiled
+from star_tracker.compiled import compiled, inlined
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.stream import (
+    begin,
+    gain,
+    is_as_expected,
+    nothing_expected,
+    one_more,
+)
 
 #: Centroid noise where none is given: a typical value, px, and how sure that is.
 _TYPICAL_SIGMA_PX = 0.7
@@ -92,6 +100,7 @@ class Evidence(NamedTuple):
         freedom: nu, how sure the noise is.
         scale_px2: nu sigma_0^2.
         widening: by how much a variance of so many degrees of freedom is widened; see `variance`.
+        expected: (1,) of `stream.EXPECTED`: what does change, as earlier frames teach it.
     """
 
     log_factorial: Floats
@@ -99,10 +108,16 @@ class Evidence(NamedTuple):
     freedom: float
     scale_px2: float
     widening: Floats
+    expected: NDArray[np.void]
 
 
-def evidence(most: int, centroid_sigma_px: float) -> Evidence:
-    """Prepare for up to `most` centroids and guide stars; a noise of 0 px stands for unknown."""
+def evidence(
+    most: int, centroid_sigma_px: float, expected: NDArray[np.void] | None = None
+) -> Evidence:
+    """Prepare for up to `most` centroids and guide stars; a noise of 0 px stands for unknown.
+
+    `expected` (1,) is what earlier frames teach, None for a lone frame.
+    """
     known = centroid_sigma_px > 0
     sigma = centroid_sigma_px if known else _TYPICAL_SIGMA_PX
     freedom = _KNOWN_FREEDOM if known else _UNKNOWN_FREEDOM
@@ -112,6 +127,7 @@ def evidence(most: int, centroid_sigma_px: float) -> Evidence:
     return Evidence(
         gammaln(np.arange(most + 1) + 1.0), gammaln(0.5 * (freedom + np.arange(2 * most + 4))),
         freedom, freedom * sigma**2, widening,
+        nothing_expected() if expected is None else expected,
     )
 
 
@@ -120,7 +136,8 @@ def variance(e: Evidence, sum2: float, k: int, free: bool) -> float:
     """Return the variance of a centroid along each axis, px^2, to be believed of k matches.
 
     What was told of the noise and the squared residuals together (Gelman et al. 2013, 2.6), or the
-    residuals alone where nothing was: what is typical would hide how good a detector is. Few
+    residuals alone where nothing was: what is typical would hide how good a detector is. So does
+    what earlier frames have taught, unless the residuals are too large for that. Few
     residuals may all be small by chance, so that the variance is widened until an error beyond the
     99 % bound of a normal distribution with it is as rare as it should be, which makes it that of
     Student's distribution there. Never below `_FLOOR_PX`.
@@ -130,6 +147,9 @@ def variance(e: Evidence, sum2: float, k: int, free: bool) -> float:
     if e.freedom > _UNKNOWN_FREEDOM:
         freedom += int(e.freedom)
         scale_px2 += e.scale_px2
+    elif is_as_expected(e.expected[0], sum2, freedom):
+        freedom += int(e.expected[0].freedom)
+        scale_px2 += e.expected[0].scale_px2
     value = scale_px2 / freedom * e.widening[min(freedom, len(e.widening) - 1)]
     return max(value, _FLOOR_PX * _FLOOR_PX)
 
@@ -154,8 +174,11 @@ def strongest(
     per_star = np.log(optics[0] * optics[1] / (2 * np.pi))
     information, of_scale = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     s = 0.0
-    half = 0.5 * (e.freedom + (2 if pose.free else 3))
     at = 2 if pose.free else 3
+    half = 0.5 * (e.freedom + at)
+    expected, stream = e.expected[0], (0.0, 0.0, 0.0)
+    if expected.freedom > 0.0:
+        stream = begin(expected, n, m, 0.5 * at)
     best, most = -np.inf, 0
     for i in range(n_matched):
         b = vectors[observed[i]]
@@ -179,11 +202,21 @@ def strongest(
             - 0.5 * np.log(max(size, 1e-300))
             + e.log_gamma[at] - half * np.log(0.5 * (s + e.scale_px2))
         )
+        if expected.freedom > 0.0:
+            value += gain(expected, stream, s, _of_noise(e, s, half, e.log_gamma[at]))
+            stream = one_more(expected, stream, n, k)
         if value > best:
             best, most = value, k
         at += 2
         half += 1.0
     return most, best / np.log(10.0)
+
+
+@inlined
+def _of_noise(e: Evidence, s: float, half: float, log_gamma: float) -> float:
+    """Return the part of the log evidence that depends on the noise of a lone frame."""
+    of_prior = 0.5 * e.freedom * np.log(0.5 * e.scale_px2) - e.log_gamma[0]
+    return of_prior + log_gamma - half * np.log(0.5 * (s + e.scale_px2))
 
 
 @compiled

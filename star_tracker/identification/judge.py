@@ -69,12 +69,13 @@ SkyType, Sky = struct("Sky", __name__, View._fields)
 #: - observed, catalog: (n,) the matches, indices into the frame and the catalogue;
 #: - residual2: (n,) their squared distances, px^2, ascending;
 #: - trial: a pose;
-#: - n_best: how many matches carry the evidence of the pose judged last;
+#: - n_best: how many matches carry the evidence of the pose judged last, and n_in_view: of so many
+#:   guide stars in the image;
 #: - n_settled: the same if that pose was fitted to the very matches listed, else 0;
 #: - n_matched, n_near: then, how many matches are listed and how many guide stars are near.
 MatchesType, Matches = struct("Matches", __name__, (
     "near", "place", "guide_star", "star_guide", "star_residual2", "observed", "catalog",
-    "residual2", "trial", "n_best", "n_settled", "n_matched", "n_near",
+    "residual2", "trial", "n_best", "n_in_view", "n_settled", "n_matched", "n_near",
 ))
 
 
@@ -84,7 +85,7 @@ def empty_matches(n_guides: int, n_centroids: int) -> Any:
     return Matches(
         np.empty(n_guides, np.int64), np.empty((n_guides, 3)), np.empty(n_guides, np.int64),
         np.empty(n_centroids, np.int64), np.empty(n_centroids), np.empty(n_centroids, np.int64),
-        np.empty(n_centroids, np.int64), np.empty(n_centroids), identity_pose(), 0, 0, 0, 0,
+        np.empty(n_centroids, np.int64), np.empty(n_centroids), identity_pose(), 0, 0, 0, 0, 0,
     )
 
 
@@ -120,7 +121,7 @@ def associate(
         if outside > gate_px:
             continue
         n_inside += outside <= 0.0
-        star, residual2 = _nearest(frame, place[g, 0], place[g, 1], gate_px)
+        star, residual2 = nearest_centroid(frame, place[g, 0], place[g, 1], gate_px)
         guide_star[g] = star
         if star >= 0 and residual2 <= star_residual2[star]:
             star_residual2[star] = residual2
@@ -145,7 +146,7 @@ def project(sky: Any, pose: Any, n_near: int, matches: Any) -> None:
 
 
 @inlined
-def _nearest(frame: Any, x: float, y: float, gate_px: float) -> tuple[int, float]:
+def nearest_centroid(frame: Any, x: float, y: float, gate_px: float) -> tuple[int, float]:
     """Return which centroid is nearest to a place within a gate, -1 for none."""
     n, plane_px, at = frame.n, frame.plane_px, first_right_of(frame, x - gate_px)
     nearest, best = -1, gate_px * gate_px
@@ -210,7 +211,7 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
             break
         if pose.free and score < _HOPELESS:
             break
-        best, matches.n_best = max(score, best), k
+        best, matches.n_best, matches.n_in_view = max(score, best), k, n_inside
         copy_pose(trial, pose)
         # The pose was fitted to these very matches already: they will not change any more.
         if settled:

@@ -16,17 +16,22 @@ from star_tracker.identification.evidence import ScalePrior
 #: - cells: most cells of a main star and batch;
 #: - worth: the least worth of a candidate by shape (`shapes.keep_agreeing`): false ones have 0.9
 #:   to 2.7 in the median, true ones 4 to 5;
-#: - pause: whether the searches of other cameras have their turn after it.
+#: - pause: whether the searches of other cameras have their turn after it;
+#: - least_n: for frames of at least so many centroids.
 LEVEL = np.dtype([
     ("by_shape", np.bool_), ("tolerance_px", np.float64), ("companions", np.int64),
     ("mains", np.int64), ("batch", np.int64), ("votes", np.int64), ("cells", np.int64),
-    ("worth", np.float64), ("pause", np.bool_),
+    ("worth", np.float64), ("pause", np.bool_), ("least_n", np.int64),
 ])
-Level = tuple[bool, float, int, int, int, int, int, float, bool]
+Level = tuple[bool, float, int, int, int, int, int, float, bool, int]
 #: As many main stars as the frame has stars.
 _ALL = np.iinfo(np.int64).max
 #: Most cells of a main star in a full search by shape.
 MOST_SHAPE_CELLS = 64
+#: In frames of so many centroids, nearly all of them false, the nearest few companions of a star
+#: hardly have a true one among them: more of them vote before the full search. With 15 times as
+#: many false stars as true ones four of 64 are true, enough to stand out in every second star.
+FULL_OF_FALSE, _MANY_COMPANIONS = 250, 64
 
 
 def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
@@ -43,6 +48,8 @@ def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
     if prior.log_range > 0.0:
         turns = zip(full, _full_by_shape(settings), strict=True)
         full = [level for turn in turns for level in turn]
+    else:
+        full = [_among_false(settings), *full]
     told = np.array(short + full, LEVEL)
     told["pause"] = False  # one camera has nobody to wait for
     return told
@@ -57,8 +64,10 @@ def _short(settings: MatchGroupSettings) -> list[Level]:
     """
     first, second = _tolerances(settings)
     return [
-        (True, first, 8, 3, 4, 3, 24, 2.0, False), (True, second, 8, 1, 8, 3, 24, 2.5, False),
-        (True, first, 12, 6, 12, 3, 48, 2.0, False), (True, second, 8, 2, 8, 3, 24, 2.5, False),
+        (True, first, 8, 3, 4, 3, 24, 2.0, False, 0),
+        (True, second, 8, 1, 8, 3, 24, 2.5, False, 0),
+        (True, first, 12, 6, 12, 3, 48, 2.0, False, 0),
+        (True, second, 8, 2, 8, 3, 24, 2.5, False, 0),
     ] * settings.quick
 
 
@@ -66,22 +75,31 @@ def _short_of_any_scale(settings: MatchGroupSettings) -> list[Level]:
     """Return the levels of a quick search at a scale that is not told."""
     first, second = _tolerances(settings)
     return [
-        (True, first, 6, 3, 6, 3, 24, 2.0, True), (True, first, 12, 6, 12, 3, 48, 2.0, False),
-        (True, second, 12, 4, 12, 3, 48, 2.5, True),
+        (True, first, 6, 3, 6, 3, 24, 2.0, True, 0),
+        (True, first, 12, 6, 12, 3, 48, 2.0, False, 0),
+        (True, second, 12, 4, 12, 3, 48, 2.5, True, 0),
     ] * settings.quick
+
+
+def _among_false(settings: MatchGroupSettings) -> Level:
+    """Return the level of frames that are full of false stars."""
+    n, first = _MANY_COMPANIONS, settings.pair_tolerance_px[0]
+    return (False, first, n, _ALL, n, 0, settings.cells, 0.0, False, FULL_OF_FALSE)
 
 
 def _full_by_separation(settings: MatchGroupSettings) -> list[Level]:
     n = settings.companions
     return [
-        (False, t, n, _ALL, n, 0, settings.cells, 0.0, False) for t in settings.pair_tolerance_px
+        (False, t, n, _ALL, n, 0, settings.cells, 0.0, False, 0)
+        for t in settings.pair_tolerance_px
     ]
 
 
 def _full_by_shape(settings: MatchGroupSettings) -> list[Level]:
     n = settings.companions
     return [
-        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 1.5, True) for t in settings.pair_tolerance_px
+        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 1.5, True, 0)
+        for t in settings.pair_tolerance_px
     ]
 
 

@@ -138,6 +138,11 @@ class Searcher:
         """Search on for a while, and label the frame where that solves it."""
         self.ended = _ENDED[verbs.go_on(self._engine, task.labels)]
 
+    def stop_at(self, stop_s: float) -> None:
+        """Go on until a `time.perf_counter` at the most; holds until the next frame."""
+        left_s = stop_s - time.perf_counter()
+        self._progress["stop_s"] = time.monotonic() + left_s
+
     def judge(self, candidate: Candidate) -> bool:
         """Judge a candidate of the fallback; return whether it is certain."""
         before = self.score
@@ -149,9 +154,8 @@ class Searcher:
         return bool(ended == Ended.CERTAIN)
 
     def label(self, task: Task) -> None:
-        """Label the frame with the best pose."""
-        verbs.label_best(self._engine, task.labels)
-        self.ended = Ended.SOLVED
+        """Label the frame with the best pose: SOLVED, or CERTAIN where that tells no parity."""
+        self.ended = Ended(verbs.label_best(self._engine, task.labels))
 
     def field(self) -> StarField:
         """Return the frame's stars for the fallback; they hold until the next frame."""

@@ -8,7 +8,7 @@ import pytest
 from engines import CAMERA, Bench, catalog_of, database_at, of_brightness, random_sky
 from scipy.integrate import quad
 from scipy.special import comb
-from scipy.stats import chi2, f, invgamma, norm
+from scipy.stats import betabinom, chi2, f, invgamma, norm
 
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.identification.cells import MatchGroupSettings
@@ -19,6 +19,7 @@ from star_tracker.identification.evidence import (
     scale_prior,
     variance,
 )
+from star_tracker.identification.stream import EXPECTED, Expectation, expect
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings
@@ -233,6 +234,48 @@ def test_more_matches_than_guide_stars_inside_are_possible_at_the_border():
     assert outside == inside
 
 
+# What earlier frames teach
+
+
+@pytest.mark.parametrize("prior", [EXACT, UNTOLD], ids=["exact", "free"])
+@pytest.mark.parametrize("size", [(3, 3, 3), (4, 10, 4), (10, 4, 4), (25, 30, 12)])
+@pytest.mark.parametrize("what", [(0.2, 20.0, 9.5, 0.5), (1.5, 7.0, 2.0, 8.0)])
+def test_a_stream_is_believed_as_much_as_a_lone_frame(what, size, prior):
+    """Half each: the noise of many residuals, and the beta-binomial probability of k of n."""
+    (n, m, k), (sigma_px, freedom, stars, false_stars) = size, what
+    xy, free = points(CAMERA, n, n), prior is UNTOLD
+    residual2 = np.full(k, 0.3)
+    bench = Bench(database_at(points(CAMERA, 5, 1)), prior=prior)
+    expect(Expectation(*what), bench.expected)
+    bench.show(xy)
+    number, score = bench.weigh(range(k), residual2, m, free=free)
+
+    def of(j, **noise):
+        vectors = CAMERA.vectors(xy)[:j]
+        return by_integration(
+            CAMERA, vectors, residual2[:j], n, m, prior=prior, free=free, **noise
+        )
+
+    for j in {3, k, number}:
+        share = (min(n, m) + 1) * betabinom.pmf(j, n, stars, false_stars)
+        stream = 10 ** of(j, sigma_px=sigma_px, freedom=freedom) * share
+        both = math.log10(0.5 * 10 ** of(j) + 0.5 * stream)
+        assert score == pytest.approx(both, abs=1e-6) if j == number else score >= both - 1e-6
+
+
+def test_a_frame_unlike_those_before_it_loses_half_of_its_evidence():
+    xy, residual2 = points(CAMERA, 40, 3), [9.0] * 8
+    alone = chosen(CAMERA, xy, residual2, 15)
+    bench = Bench(database_at(points(CAMERA, 5, 1)))
+    expect(Expectation(0.05, 20.0, 9.5, 0.5), bench.expected)
+    bench.show(xy)
+    assert bench.weigh(range(8), residual2, 15) == (
+        alone[0], pytest.approx(alone[1] - math.log10(2), abs=1e-3)
+    )
+    expect(None, bench.expected)
+    assert bench.weigh(range(8), residual2, 15) == alone
+
+
 def test_factorials():
     np.testing.assert_allclose(np.exp(evidence(6, 0.0).log_factorial), [1, 1, 2, 6, 24, 120, 720])
 
@@ -280,6 +323,20 @@ def test_a_variance_of_few_residuals_is_widened_as_students_distribution_asks(k)
     plain = sum2 / degrees
     widening = 3 * f.ppf(0.99, 3, degrees) / chi2.ppf(0.99, 3)
     assert variance(unknown, sum2, k, False) == pytest.approx(widening * plain, rel=1e-9)
+
+
+@pytest.mark.parametrize("k", [4, 6, 20])
+def test_a_variance_joins_what_a_stream_taught_unless_the_residuals_are_too_large(k):
+    degrees, expected = 2 * k - 3, np.zeros(1, EXPECTED)
+    expect(Expectation(0.2, 15.0, 9.0, 1.0), expected)
+    known, alone = evidence(100, 0.0, expected), evidence(100, 0.0)
+    bound = 0.2**2 * chi2.ppf(0.99, degrees)
+    widening = 3 * f.ppf(0.99, 3, degrees + 15) / chi2.ppf(0.99, 3)
+    for sum2 in (0.0, 0.5 * bound, 0.97 * bound):
+        joined = (15 * 0.2**2 + sum2) / (degrees + 15)
+        assert variance(known, sum2, k, False) == pytest.approx(widening * joined, rel=1e-9)
+    sum2 = 1.03 * bound
+    assert variance(known, sum2, k, False) == variance(alone, sum2, k, False)
 
 
 def test_the_widening_falls_to_one():
