@@ -139,6 +139,7 @@ def _late(progress: Any) -> bool:
     return progress.stop_s < np.inf and clock_s() > progress.stop_s
 
 
+@compiled
 def certain(progress: Any, limits: Limits, n: int) -> bool:
     """Return whether the best pose is certain, or enough and better than the next many."""
     # A true pose of many stars has much evidence: one with little may rest on a part of them only,
