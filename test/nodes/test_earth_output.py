@@ -105,6 +105,7 @@ def tell_mounting(recorder):
 
 def output_of(bench, parameters):
     """Start a node with an output of this kind."""
+    pytest.importorskip("erfa", reason="pyerfa is an extra")
     node = bench.start(lambda **options: Node("tracker", **options))
     return EarthOutput(node, parameters, "icrs", Mounting(node, ""))
 
@@ -181,6 +182,7 @@ def test_a_stamp_without_a_date_publishes_nothing_and_is_counted(bench, solution
 
 
 def test_imu_enu_of_the_base_waits_for_its_mounting(bench, solution, recorder):
+    pytest.importorskip("erfa", reason="pyerfa is an extra")
     node = bench.start(lambda **options: Node("tracker", **options))
     inbox = bench.inbox(Imu, "imu_enu")
     mounting = Mounting(recorder, "base_link")
