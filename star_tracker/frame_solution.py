@@ -57,7 +57,7 @@ def received(
     Raises ValueError for an array of another shape, and a deadline that is not above 0.
     """
     started_s = time.perf_counter()
-    xy = np.asarray(xy_px, np.float64, order="C")
+    xy = _plain(xy_px)
     if xy.ndim != 2 or xy.shape[1] != 2:
         raise ValueError(f"centroids have shape {xy.shape}: give an array (n, 2) of x, y")
     if deadline_ms is None:
@@ -67,7 +67,7 @@ def received(
     n = len(xy)
     brightness = _UNKNOWN
     if intensity is not None:
-        brightness = np.asarray(intensity, np.float64, order="C")
+        brightness = _plain(intensity)
         if brightness.shape != (n,):
             raise ValueError(
                 f"intensities have shape {brightness.shape}: give one for each of {n} centroids"
@@ -81,6 +81,15 @@ def received(
         np.empty(len(rows), LABEL), started_s, deadline_ms,
         Sample(rows, n, len(finite) - len(rows)),
     )
+
+
+def _plain(values: ArrayLike) -> Floats:
+    """Return an array as the path is compiled for: for others it would be compiled again.
+
+    One that is read-only (of a message, say) or not aligned is copied.
+    """
+    array = np.asarray(values, np.float64, order="C")
+    return array if array.flags.carray else array.copy()
 
 
 def _taken(rows: NDArray[np.int64], brightness: Floats, room: int) -> NDArray[np.int64]:
