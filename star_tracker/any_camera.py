@@ -53,7 +53,8 @@ class AnyCameraTracker:
         if not steps:
             raise ValueError("a ladder needs at least one step")
         self.settings, self.steps = settings or SolveSettings(), tuple(steps)
-        setup = setup_of(replace(self.settings, method=METHODS[0]))
+        self._both = parity == "auto"
+        setup = setup_of(replace(self.settings, method=METHODS[0]), both_parities=self._both)
         self._limits = setup.limits
         reach = math.log(
             _cotangent(steps[0].fov_min_deg) / _cotangent(steps[-1].fov_max_deg)
@@ -67,7 +68,6 @@ class AnyCameraTracker:
             prior = ScalePrior(-half, half, _DEPTHS * reach, told=False, sigma=math.inf)
             searchers = setup.searchers(database, with_mirror_image(camera), prior)
             self._rungs.append((_expected(database, camera), searchers))
-        self._both = parity == "auto"
 
     def solve(
         self,

@@ -14,6 +14,7 @@ import os
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 from llvmlite.binding import get_host_cpu_name
 from numba.core import config as numba_config
 from numba.core import types
@@ -172,6 +174,21 @@ def _reader(field: str) -> Callable[[Any], Any]:
         return getattr(one, field)
 
     return read
+
+
+#: POSIX: writes seconds and nanoseconds of a clock.
+_clock_gettime: Any = types.ExternalFunction(
+    "clock_gettime", types.int32(types.int32, types.voidptr)
+)
+_CLOCK = time.CLOCK_MONOTONIC
+
+
+@compiled
+def clock_s() -> float:
+    """Return `time.monotonic`, for compiled code that has to end in time."""
+    now = np.empty(2, np.int64)
+    _clock_gettime(_CLOCK, now.ctypes)
+    return now[0] + 1e-9 * now[1]
 
 
 @compiled

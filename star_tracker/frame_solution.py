@@ -35,11 +35,12 @@ _STATUS = {
 }
 
 
-def setup_of(settings: SolveSettings) -> Setup:
-    """Return what the searchers are made with."""
+def setup_of(settings: SolveSettings, *, both_parities: bool) -> Setup:
+    """Return what the searchers are made with; either parity may be the true one, or not."""
     enough = -settings.max_log10_false_alarms
     limits = Limits(
-        max(_CERTAIN, enough), enough, _SECOND_LOOK, _WORK, settings.displaced_gate_px
+        max(_CERTAIN, enough), enough, _SECOND_LOOK, _WORK, settings.displaced_gate_px,
+        both_parities,
     )
     return Setup(
         settings.match_group if settings.method != METHODS[1] else None, limits,
@@ -56,7 +57,7 @@ def received(
     Raises ValueError for an array of another shape, and a deadline that is not above 0.
     """
     started_s = time.perf_counter()
-    xy = np.asarray(xy_px, np.float64, order="C")
+    xy = _plain(xy_px)
     if xy.ndim != 2 or xy.shape[1] != 2:
         raise ValueError(f"centroids have shape {xy.shape}: give an array (n, 2) of x, y")
     if deadline_ms is None:
@@ -66,7 +67,7 @@ def received(
     n = len(xy)
     brightness = _UNKNOWN
     if intensity is not None:
-        brightness = np.asarray(intensity, np.float64, order="C")
+        brightness = _plain(intensity)
         if brightness.shape != (n,):
             raise ValueError(
                 f"intensities have shape {brightness.shape}: give one for each of {n} centroids"
@@ -80,6 +81,15 @@ def received(
         np.empty(len(rows), LABEL), started_s, deadline_ms,
         Sample(rows, n, len(finite) - len(rows)),
     )
+
+
+def _plain(values: ArrayLike) -> Floats:
+    """Return an array as the path is compiled for: for others it would be compiled again.
+
+    One that is read-only (of a message, say) or not aligned is copied.
+    """
+    array = np.asarray(values, np.float64, order="C")
+    return array if array.flags.carray else array.copy()
 
 
 def _taken(rows: NDArray[np.int64], brightness: Floats, room: int) -> NDArray[np.int64]:
@@ -132,9 +142,13 @@ def _unsolved(task: Task, status: Status, reason: str, verdict: Verdict) -> Solu
 def labelled(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
     """Return the solution of a labelled frame: none where its stars contradict the camera told."""
     labels, results = task.all_labels, searcher.results
-    n_usable, ra, dec, roll, rms_px, scale, variance_px2, scale_variance = results.outcome.item()
-    exact = searcher.scale_is_told and searcher.camera.tolerance_percent == 0
-    if exact and scale != 1.0 and rms_px > _CONTRADICTED_PX:
+    (
+        n_usable, ra, dec, roll, rms_px, scale, variance_px2, scale_variance, wrong_probability,
+        score,
+    ) = results.outcome.item()
+    camera = searcher.camera
+    fitted = scale != 1.0 and rms_px > _CONTRADICTED_PX
+    if fitted and searcher.scale_is_told and camera.tolerance_percent == 0:
         return _unsolved(
             task, Status.NO_MATCH, _contradiction(searcher, scale),
             Verdict(Ended.EXHAUSTED, searcher, n_hypotheses),
@@ -149,11 +163,11 @@ def labelled(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
             Attitude, quaternion_xyzw=results.quaternion.copy(),
             covariance_rad2=results.covariance.copy(), ra_rad=ra, dec_rad=dec, roll_rad=roll,
         ),
-        method=searcher.method, parity=searcher.camera.parity,
-        wrong_probability=searcher.wrong_probability, log10_false_alarms=-searcher.score,
+        method=searcher.method, parity=camera.parity,
+        wrong_probability=wrong_probability, log10_false_alarms=-score,
         rms_px=rms_px, n_hypotheses=n_hypotheses, n_ignored=task.n_ignored(n_usable),
         n_surplus=task.n_surplus, solve_ms=task.elapsed_ms, mode=searcher.mode,
-        told_camera=searcher.camera, scale=scale,
+        told_camera=camera, scale=scale,
         focal_length_error=scale_variance**0.5, centroid_sigma_px=variance_px2**0.5,
         catalog=searcher.catalog,
     )

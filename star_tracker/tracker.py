@@ -14,6 +14,7 @@ from star_tracker.identification.escalation import Candidates, Escalation
 from star_tracker.identification.evidence import scale_prior
 from star_tracker.identification.searcher import METHODS, Task
 from star_tracker.identification.setup import with_mirror_image
+from star_tracker.identification.stream import Expectation, expect
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings
 
@@ -54,12 +55,14 @@ class StarTracker:
             for factor in s.radial_cyclic.ring_factors:
                 database.patterns.level(factor)
             _ = database.pattern_pairs
-        setup = setup_of(s)
+        both_parities = camera.parity == "auto"
+        setup = setup_of(s, both_parities=both_parities)
+        self._expected = setup.expected
         searchers = setup.searchers(
             database, with_mirror_image(camera), scale_prior(camera.tolerance_percent)
         )
         self._first = searchers[0]
-        n_asked = 2 if camera.parity == "auto" else 1
+        n_asked = 2 if both_parities else 1
         self._escalation = Escalation(
             searchers[:n_asked], searchers[n_asked:], setup.limits, fallback=candidates,
             primary=self._primary,
@@ -95,6 +98,14 @@ class StarTracker:
         if first.ended == Ended.TOO_FEW:
             return refused(task, first)
         return judged(task, self._escalation.run(task))
+
+    def expect(self, what: Expectation | None) -> None:
+        """Use what earlier frames have taught of centroids for those that come; None forgets.
+
+        It adds to the evidence of frames that are like those, and to the covariance of few stars;
+        one that is not like them loses half of its evidence at the most.
+        """
+        expect(what, self._expected)
 
     def _track(self, task: Task, predicted: Solution | Floats) -> bool:
         """Try a predicted attitude; return whether it has solved the frame."""

@@ -11,6 +11,7 @@ from star_tracker.compiled import compiled
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import unit_vectors
 from star_tracker.identification import verbs
+from star_tracker.identification.brightness import brightness, how_usual
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.engine import Pairs
@@ -39,6 +40,13 @@ FIGURE = {
 #: Two stars of another part of the sky, 0.9 deg apart.
 ELSEWHERE = {"One": (200.0, -40.0), "Other": (200.0, -40.9)}
 NONE = np.empty(0)
+
+
+def of_brightness(magnitude, v_mag, observed, catalog, k):
+    """What brightness adds to the evidence of the first `k` matches of a frame."""
+    usual = np.empty(len(magnitude))
+    how_usual(magnitude, len(magnitude), usual)
+    return brightness((magnitude, usual), v_mag, observed, catalog, k)
 
 
 # Skies
@@ -185,6 +193,7 @@ class Bench:
     ):
         limits = Limits(8.0, 3.0, 10.0, 20_000.0, displaced_gate_px)
         setup = Setup(settings or MatchGroupSettings(), limits, sigma_px, 1000)
+        self.expected = setup.expected
         (self.searcher,) = setup.searchers(database, (camera,), prior)
         self.engine, self.results = self.searcher._engine, self.searcher.results
         self.camera, self.guides = camera, database.catalog.vectors

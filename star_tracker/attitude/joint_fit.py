@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from star_tracker.attitude.information import adjugate, determinant, with_direction, with_scale
 from star_tracker.compiled import compiled
-from star_tracker.geometry.rotation import write_rotation
+from star_tracker.geometry.rotation import rotation_elements
 from star_tracker.geometry.spherical import Floats
 
 #: Least information about three angles, as in `wahba`.
@@ -77,14 +77,12 @@ def refine_scaled(
 @compiled
 def _turn(r: Floats, angles: tuple[float, float, float]) -> None:
     """Turn the camera of a rotation back by small angles about its own axes."""
-    q = np.empty(4)
-    q[0], q[1], q[2], q[3] = 0.5 * angles[0], 0.5 * angles[1], 0.5 * angles[2], 1.0
-    turn = np.empty((3, 3))
-    write_rotation(q, turn)
+    turn = rotation_elements(0.5 * angles[0], 0.5 * angles[1], 0.5 * angles[2], 1.0)
     for row in range(3):
         x, y, z = r[row, 0], r[row, 1], r[row, 2]
-        for column in range(3):
-            r[row, column] = x * turn[0, column] + y * turn[1, column] + z * turn[2, column]
+        r[row, 0] = x * turn[0] + y * turn[3] + z * turn[6]
+        r[row, 1] = x * turn[1] + y * turn[4] + z * turn[7]
+        r[row, 2] = x * turn[2] + y * turn[5] + z * turn[8]
 
 
 @compiled

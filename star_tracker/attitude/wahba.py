@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from star_tracker.attitude.information import adjugate, determinant, with_direction
 from star_tracker.compiled import compiled
-from star_tracker.geometry.rotation import write_rotation
+from star_tracker.geometry.rotation import rotation_elements, write_rotation
 from star_tracker.geometry.spherical import Floats
 
 #: Below this determinant of the information (of one star's) the directions are nearly on one line
@@ -229,15 +229,15 @@ def refine(
     size = determinant(m, a)
     if not size > _MIN_INFORMATION * k * k * k:
         return False
-    q = np.empty(4)
-    q[0] = 0.5 * (a[0] * gx + a[1] * gy + a[2] * gz) / size
-    q[1] = 0.5 * (a[1] * gx + a[3] * gy + a[4] * gz) / size
-    q[2] = 0.5 * (a[2] * gx + a[4] * gy + a[5] * gz) / size
-    q[3] = 1.0
-    turn = np.empty((3, 3))
-    write_rotation(q, turn)
+    turn = rotation_elements(
+        0.5 * (a[0] * gx + a[1] * gy + a[2] * gz) / size,
+        0.5 * (a[1] * gx + a[3] * gy + a[4] * gz) / size,
+        0.5 * (a[2] * gx + a[4] * gy + a[5] * gz) / size,
+        1.0,
+    )
     for column in range(3):
         x, y, z = r[0, column], r[1, column], r[2, column]
-        for row in range(3):
-            r[row, column] = turn[row, 0] * x + turn[row, 1] * y + turn[row, 2] * z
+        r[0, column] = turn[0] * x + turn[1] * y + turn[2] * z
+        r[1, column] = turn[3] * x + turn[4] * y + turn[5] * z
+        r[2, column] = turn[6] * x + turn[7] * y + turn[8] * z
     return True

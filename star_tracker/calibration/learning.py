@@ -14,6 +14,7 @@ from star_tracker.calibration.camera_estimator import (
     CameraEstimate,
     CameraEstimator,
 )
+from star_tracker.calibration.noise import StreamNoise
 from star_tracker.calibration.second_opinion import SecondOpinion, is_doubtful
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.ladder import LadderStep
@@ -85,6 +86,8 @@ class LearningTracker:
     A camera with a tolerance, and one that was found, is refined over the frames (focal length and
     lens). Where its stars are no longer those of the sky, or a frame
     cannot be solved, all fields of view are searched: a zoom or another lens is found again.
+    The noise of the centroids and the share of false stars are learnt of any camera, and used for
+    the frames that follow.
 
     Args:
         sources: where the guide stars come from.
@@ -99,6 +102,7 @@ class LearningTracker:
         camera: as believed now, None where none was found yet.
         news: sentences about what was found since it was last emptied, for a log.
         hint: what would solve the last frame, or solve it better; empty where that is not known.
+        noise: what frames have taught of the centroids.
     """
 
     def __init__(
@@ -116,6 +120,7 @@ class LearningTracker:
         self._ladder: AnyCameraTracker | None = None
         self.news: list[str] = []
         self.hint = ""
+        self.noise = StreamNoise(self.settings.centroid_sigma_px)
         self._n_doubtful = 0
         self._belief = None if camera is None else self._trust(camera)
         if camera is None:
@@ -136,6 +141,7 @@ class LearningTracker:
     def forget(self) -> None:
         """Begin anew with the camera as told."""
         self._belief = None if self._told is None else self._trust(self._told)
+        self.noise.forget()
 
     def solve(
         self,
@@ -153,10 +159,12 @@ class LearningTracker:
         if belief is None:
             return self._searched(xy_px, intensity, None, stop_s)
         share = _SHARE if belief.learns or self._looks_next else 1.0
+        belief.tracker.expect(self.noise.expectation)
         solution = belief.tracker.solve(
             xy_px, intensity, predicted=predicted, deadline_ms=share * deadline_ms
         )
         self._count(solution)
+        self.noise.add(solution)
         if solution.status is Status.SOLVED:
             self._learn(belief, solution, xy_px)
         elif belief.learns and self._n_doubtful >= self._patience:
@@ -249,6 +257,7 @@ class LearningTracker:
             "has changed"
         )
         self._belief = self._trust(camera)
+        self.noise.forget()
         self.news.append(
             f"camera found: field of view {camera.fov_deg:.4g} deg over {camera.width_px} px, "
             f"parity {camera.parity}, from {len(solution.identification.identified)} stars{told}"
@@ -289,10 +298,14 @@ class LearningTracker:
                 "the camera is no longer the one that was found: it is looked for again"
             )
             self._belief = None
+            self.noise.forget()
             return
         camera, at_work = belief.estimator.estimate.camera, belief.tracker.camera
         surer = camera.tolerance_percent < _SURER * at_work.tolerance_percent
-        if surer or _moved_px(at_work, camera) > _MOVED_PX:
+        moved = _moved_px(at_work, camera) > _MOVED_PX
+        if moved:  # the residuals before had the camera's error in them
+            self.noise.forget()
+        if surer or moved:
             belief.camera = camera
             belief.tracker = StarTracker(belief.tracker.database, camera, self.settings)
 

@@ -65,7 +65,8 @@ class TriangleTable(NamedTuple):
         n_companions = n_companions or int(
             np.clip(np.sqrt(MOST_TRIANGLES / max(n, 1)), _FEWEST_COMPANIONS, COMPANIONS)
         )
-        _, near = scipy.spatial.cKDTree(vectors).query(vectors, k=min(n_companions + 1, n))
+        nearest = np.arange(1, min(n_companions + 1, n) + 1)  # a list gives two dimensions for one
+        _, near = scipy.spatial.cKDTree(vectors).query(vectors, k=nearest)
         own = near == np.arange(n)[:, None]
         own[~own.any(axis=1), -1] = True
         near = near[~own].reshape(n, -1)

@@ -11,6 +11,7 @@ from star_tracker.geometry.spherical import Floats, tangent_basis
 
 #: Largest error of a product of two columns of a rotation.
 _ORTHOGONAL = 1e-6
+Elements = tuple[float, float, float, float, float, float, float, float, float]
 
 
 def rotation_matrix(quaternion_xyzw: Floats) -> Floats:
@@ -23,16 +24,25 @@ def rotation_matrix(quaternion_xyzw: Floats) -> Floats:
 @compiled
 def write_rotation(q: Floats, rotation: Floats) -> None:
     """Write the rotation matrix of a quaternion (4,) of any length; of length 0, the identity."""
-    length2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-    if length2 == 0.0:
-        q[3] = length2 = 1.0
-    s = 2.0 / length2
-    x, y, z, w = q[0], q[1], q[2], q[3]
-    rotation[0, 0], rotation[0, 1] = 1 - s * (y * y + z * z), s * (x * y - z * w)
-    rotation[0, 2], rotation[1, 0] = s * (x * z + y * w), s * (x * y + z * w)
-    rotation[1, 1], rotation[1, 2] = 1 - s * (x * x + z * z), s * (y * z - x * w)
-    rotation[2, 0], rotation[2, 1] = s * (x * z - y * w), s * (y * z + x * w)
-    rotation[2, 2] = 1 - s * (x * x + y * y)
+    if q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] == 0.0:
+        q[3] = 1.0
+    elements = rotation_elements(q[0], q[1], q[2], q[3])
+    for i in range(9):
+        rotation[i // 3, i % 3] = elements[i]
+
+
+@inlined
+def rotation_elements(x: float, y: float, z: float, w: float) -> Elements:
+    """Return the nine elements, row by row, of the rotation of a quaternion of any length but 0.
+
+    A tuple stays in registers: no memory is asked for.
+    """
+    s = 2.0 / (x * x + y * y + z * z + w * w)
+    return (
+        1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w),
+        s * (x * y + z * w), 1 - s * (x * x + z * z), s * (y * z - x * w),
+        s * (x * z - y * w), s * (y * z + x * w), 1 - s * (x * x + y * y),
+    )
 
 
 @compiled

@@ -37,11 +37,11 @@ def fit_focal_length(engine: Any, labels: NDArray[np.void], k: int, sum2: float)
     freed = sum2
     for step in range(_STEPS):
         refine_scaled(frame.vectors, sky.guides.vectors, matches, k, trial, 0.0)
-        see_at_scale(frame, sky.focal_px, trial.scale)
         freed = measure(sky, frame, trial, k, matches)
         ratio = 0.5 * (2 * k - 3) * np.log(max(sum2, 1e-300) / max(freed, 1e-300))
         if step == 0 and (ratio < 0.5 * _CONTRADICTS or abs(np.log(trial.scale)) < _LEAST):
-            break
+            return sum2  # nearly every frame
+        see_at_scale(frame, sky.focal_px, trial.scale)
     if ratio < _CONTRADICTS or abs(np.log(trial.scale)) < _LEAST:
         see_at_scale(frame, sky.focal_px, best.scale)
         return sum2

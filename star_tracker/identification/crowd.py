@@ -86,7 +86,7 @@ def _look_for_crowd(crowd: Any, frame: Any, area_px2: float) -> None:
     n, places = frame.n, frame.plane_px
     if n < _FEWEST:
         return
-    crowd.share, crowd.x, crowd.y, crowd.xx, crowd.xy, crowd.yy = 1.0, 0.0, 0.0, 1e12, 0.0, 1e12
+    crowd.share = 1.0
     _fit(crowd, frame, area_px2)
     spread = np.sqrt(max(crowd.xx * crowd.yy - crowd.xy * crowd.xy, 0.0))
     if spread > _EVEN * area_px2 / 12.0:
@@ -109,8 +109,10 @@ def _fit(crowd: Any, frame: Any, area_px2: float) -> None:
     weight = x = y = xx = xy = yy = 0.0
     for j in range(n):
         px, py = places[j, 0], places[j, 1]
-        mine = _of_crowd(crowd, px, py, area_px2)
-        w = mine / (mine + 1.0 - crowd.share)
+        w = 1.0
+        if crowd.share < 1.0:
+            mine = _of_crowd(crowd, px, py, area_px2)
+            w = mine / (mine + 1.0 - crowd.share)
         weight += w
         x += w * px
         y += w * py

@@ -41,11 +41,13 @@ EngineType, Engine = struct("Engine", __name__, (
 
 #: What became of a frame. `n_usable` centroids are finite and in the image; the rest is that of a
 #: labelled frame: its boresight, the root mean square residual of the identified stars, its scale,
-#: the variance of a centroid along each axis, and that of the log of the scale.
+#: the variance of a centroid along each axis, and that of the log of the scale, how likely it is
+#: wrong (`search.wrong_probability`), and its log10 evidence.
 OUTCOME = np.dtype([
     ("n_usable", np.int64), ("ra_rad", np.float64), ("dec_rad", np.float64),
     ("roll_rad", np.float64), ("rms_px", np.float64), ("scale", np.float64),
     ("variance_px2", np.float64), ("scale_variance", np.float64),
+    ("wrong_probability", np.float64), ("score", np.float64),
 ])
 
 

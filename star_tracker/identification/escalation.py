@@ -67,32 +67,44 @@ class Escalation:
         """Solve a frame, or say why not."""
         self._n_begun = 1
         n_hypotheses = self._search_on(task)
-        n_hypotheses += sum(one.n_hypotheses for one in self._asked[: self._n_begun])
-        for one in self._asked:
+        begun = self._asked[: self._n_begun]
+        n_hypotheses += sum(one.n_hypotheses for one in begun)
+        for one in begun:
             if one.ended == Ended.SOLVED:
                 return Verdict(Ended.SOLVED, one, n_hypotheses)
-        best = max(self._asked, key=lambda one: one.score)
+        best = max(begun, key=lambda one: one.score)
         found = f"the best of {n_hypotheses} hypotheses has log10 false alarms {-best.score:.1f}"
-        in_time = all(one.ended != Ended.MORE for one in self._asked)
-        ended, reason = Ended.EXHAUSTED, found
-        if best.score > self._limits.certain:  # found by the fallback
-            ended = Ended.SOLVED
-        elif best.score > self._limits.enough:
-            ended, reason = self._doubt(best, task)
-            if not in_time:
-                ended = Ended.MORE
-        elif not in_time:
-            ended = Ended.MORE
-        if ended == Ended.MORE:
+        in_time = len(begun) == len(self._asked) and all(
+            one.ended != Ended.MORE for one in begun
+        )
+        ended, reason = self._weighed(best, task, in_time=in_time)
+        if ended == Ended.EXHAUSTED:
+            reason = found
+        elif ended == Ended.MORE:
             reason = f"deadline {task.deadline_ms:g} ms passed, {found}"
         if ended == Ended.SOLVED:
-            best.label(task)
+            if best.ended != Ended.SOLVED:
+                best.label(task)
             if not best.scale_is_told and _n_identified(task) < MIN_STARS_OF_A_SCALE:
                 ended, reason = Ended.EXHAUSTED, (
                     f"{_n_identified(task)} stars agree, {MIN_STARS_OF_A_SCALE} are needed where "
                     "the field of view is not known"
                 )
         return Verdict(ended, best, n_hypotheses, reason)
+
+    def _weighed(self, best: Searcher, task: Task, *, in_time: bool) -> tuple[Ended, str]:
+        """Return how a frame ends that no searcher has solved, and why where its rivals say so."""
+        # Found by the fallback, or certain but for the other centroids when the time was up. What
+        # is certain and yet not solved fits in a mirror as well.
+        if best.score > self._limits.certain and best.ended != Ended.CERTAIN:
+            best.label(task)
+        if best.ended == Ended.SOLVED:
+            return Ended.SOLVED, ""
+        if not in_time:
+            return Ended.MORE, ""
+        if best.score > self._limits.enough:
+            return self._doubt(best, task)
+        return Ended.EXHAUSTED, ""
 
     def _search_on(self, task: Task) -> int:
         """Let the primary go on, the fallback have its turn, and the primary what time is left.
@@ -102,7 +114,7 @@ class Escalation:
         for other in self._asked[1:]:
             self._n_begun += 1
             other.follow(task)
-            if other.ended == Ended.SOLVED:
+            if other.ended == Ended.SOLVED or time.perf_counter() > task.deadline_s:
                 return 0
         if self._fallback is None:
             self._exhaust(self._asked, task, task.deadline_s)
@@ -123,6 +135,8 @@ class Escalation:
 
         Those that time has stopped have still ended with MORE.
         """
+        for one in searchers:
+            one.stop_at(deadline_s)
         while any(one.ended == Ended.MORE for one in searchers):
             for one in searchers:
                 if one.ended == Ended.MORE:

@@ -38,8 +38,15 @@ from star_tracker.attitude.information import (
     with_direction,
     with_scale,
 )
-from star_tracker.compiled import compiled
+from star_tracker.compiled import compiled, inlined
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.stream import (
+    begin,
+    gain,
+    is_as_expected,
+    nothing_expected,
+    one_more,
+)
 
 #: Centroid noise where none is given: a typical value, px, and how sure that is.
 _TYPICAL_SIGMA_PX = 0.7
@@ -53,17 +60,6 @@ _FLOOR_PX = 0.01
 _BOUND, _MOST_FREEDOM = 0.99, 400
 #: Focal lengths are searched so many times the tolerance away: it is told in round numbers.
 _BEYOND_TOLERANCE = 1.1
-#: Brightness as evidence: scatter of a star's measured about its catalogue magnitude (colour
-#: included), share of stars for which that does not hold, range of the unknown zero point, and
-#: share of frames whose intensities mean anything.
-_MAGNITUDE_SIGMA, _MAGNITUDE_OUTLIERS = 0.3, 0.1
-_ZERO_POINT_RANGE, _MEANINGFUL = 3.0, 0.5
-#: No field of stars scatters more than this, magnitudes (the catalogue to V = 8: 1.0). Intensities
-#: that do mean nothing: most of them alike and one of 1e12 made wrong poses look certain.
-_WIDEST_SCATTER = 2.0
-#: Magnitudes as near as that are alike, where a frame's are counted: a box of the same area as the
-#: normal distribution of a star's scatter.
-_ALIKE = _MAGNITUDE_SIGMA * np.sqrt(2 * np.pi) / 2
 
 
 class ScalePrior(NamedTuple):
@@ -100,26 +96,39 @@ class Evidence(NamedTuple):
 
     Attributes:
         log_factorial: (most + 1,) natural logarithms of 0!, 1!, ...
+        log_gamma: (2 most + 4,) of gamma((nu + i) / 2).
         freedom: nu, how sure the noise is.
         scale_px2: nu sigma_0^2.
         widening: by how much a variance of so many degrees of freedom is widened; see `variance`.
+        expected: (1,) of `stream.EXPECTED`: what does change, as earlier frames teach it.
     """
 
     log_factorial: Floats
+    log_gamma: Floats
     freedom: float
     scale_px2: float
     widening: Floats
+    expected: NDArray[np.void]
 
 
-def evidence(most: int, centroid_sigma_px: float) -> Evidence:
-    """Prepare for up to `most` centroids and guide stars; a noise of 0 px stands for unknown."""
+def evidence(
+    most: int, centroid_sigma_px: float, expected: NDArray[np.void] | None = None
+) -> Evidence:
+    """Prepare for up to `most` centroids and guide stars; a noise of 0 px stands for unknown.
+
+    `expected` (1,) is what earlier frames teach, None for a lone frame.
+    """
     known = centroid_sigma_px > 0
     sigma = centroid_sigma_px if known else _TYPICAL_SIGMA_PX
     freedom = _KNOWN_FREEDOM if known else _UNKNOWN_FREEDOM
     degrees = np.arange(1, _MOST_FREEDOM)
     widening = np.ones(_MOST_FREEDOM)
     widening[1:] = fdtri(3, degrees, _BOUND) / (chdtri(3, 1 - _BOUND) / 3)
-    return Evidence(gammaln(np.arange(most + 1) + 1.0), freedom, freedom * sigma**2, widening)
+    return Evidence(
+        gammaln(np.arange(most + 1) + 1.0), gammaln(0.5 * (freedom + np.arange(2 * most + 4))),
+        freedom, freedom * sigma**2, widening,
+        nothing_expected() if expected is None else expected,
+    )
 
 
 @compiled
@@ -127,7 +136,8 @@ def variance(e: Evidence, sum2: float, k: int, free: bool) -> float:
     """Return the variance of a centroid along each axis, px^2, to be believed of k matches.
 
     What was told of the noise and the squared residuals together (Gelman et al. 2013, 2.6), or the
-    residuals alone where nothing was: what is typical would hide how good a detector is. Few
+    residuals alone where nothing was: what is typical would hide how good a detector is. So does
+    what earlier frames have taught, unless the residuals are too large for that. Few
     residuals may all be small by chance, so that the variance is widened until an error beyond the
     99 % bound of a normal distribution with it is as rare as it should be, which makes it that of
     Student's distribution there. Never below `_FLOOR_PX`.
@@ -137,6 +147,9 @@ def variance(e: Evidence, sum2: float, k: int, free: bool) -> float:
     if e.freedom > _UNKNOWN_FREEDOM:
         freedom += int(e.freedom)
         scale_px2 += e.scale_px2
+    elif is_as_expected(e.expected[0], sum2, freedom):
+        freedom += int(e.expected[0].freedom)
+        scale_px2 += e.expected[0].scale_px2
     value = scale_px2 / freedom * e.widening[min(freedom, len(e.widening) - 1)]
     return max(value, _FLOOR_PX * _FLOOR_PX)
 
@@ -161,8 +174,11 @@ def strongest(
     per_star = np.log(optics[0] * optics[1] / (2 * np.pi))
     information, of_scale = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     s = 0.0
-    half = 0.5 * (e.freedom + (2 if pose.free else 3))
-    log_gamma = math.lgamma(half)
+    at = 2 if pose.free else 3
+    half = 0.5 * (e.freedom + at)
+    expected, stream = e.expected[0], (0.0, 0.0, 0.0)
+    if expected.freedom > 0.0:
+        stream = begin(expected, n, m, 0.5 * at)
     best, most = -np.inf, 0
     for i in range(n_matched):
         b = vectors[observed[i]]
@@ -184,13 +200,23 @@ def strongest(
             constant + k * per_star
             + e.log_factorial[n - k] + e.log_factorial[k] + e.log_factorial[m - k]
             - 0.5 * np.log(max(size, 1e-300))
-            + log_gamma - half * np.log(0.5 * (s + e.scale_px2))
+            + e.log_gamma[at] - half * np.log(0.5 * (s + e.scale_px2))
         )
+        if expected.freedom > 0.0:
+            value += gain(expected, stream, s, _of_noise(e, s, half, e.log_gamma[at]))
+            stream = one_more(expected, stream, n, k)
         if value > best:
             best, most = value, k
-        log_gamma += np.log(half)
+        at += 2
         half += 1.0
     return most, best / np.log(10.0)
+
+
+@inlined
+def _of_noise(e: Evidence, s: float, half: float, log_gamma: float) -> float:
+    """Return the part of the log evidence that depends on the noise of a lone frame."""
+    of_prior = 0.5 * e.freedom * np.log(0.5 * e.scale_px2) - e.log_gamma[0]
+    return of_prior + log_gamma - half * np.log(0.5 * (s + e.scale_px2))
 
 
 @compiled
@@ -201,7 +227,7 @@ def _of_frame(sky: Any, pose: Any, n: int, m: int) -> float:
         -np.log(min(n, m) + 1.0)
         - e.log_factorial[n] - e.log_factorial[m]
         + 1.5 * np.log(2 * np.pi) - np.log(8 * np.pi**2) - 3 * np.log(sky.focal_px * pose.scale)
-        - math.lgamma(0.5 * e.freedom) + 0.5 * e.freedom * np.log(0.5 * e.scale_px2)
+        - e.log_gamma[0] + 0.5 * e.freedom * np.log(0.5 * e.scale_px2)
     )
     if pose.free:
         constant += 0.5 * np.log(2 * np.pi) - np.log(sky.focal_px * pose.scale)
@@ -209,68 +235,3 @@ def _of_frame(sky: Any, pose: Any, n: int, m: int) -> float:
     if prior.told and prior.log_range > 0.0:
         constant += np.log(0.5)
     return constant
-
-
-@compiled
-def _usual(magnitude: Floats, own: float, mean: float, variance: float, known: int) -> float:
-    """Return how usual a magnitude is among a frame's `known` ones.
-
-    Half by their normal distribution, half as they are. By the former alone a star among hundreds
-    of points that are all alike was more unusual than can be: of 40 frames with 400 such points
-    7 were solved wrongly.
-    """
-    alike = 0
-    for value in magnitude:
-        if abs(value - own) < _ALIKE:
-            alike += 1
-    normal = np.exp(-0.5 * (own - mean) ** 2 / variance) * _MAGNITUDE_SIGMA / np.sqrt(variance)
-    return float(0.5 * (normal + alike / known))
-
-
-@compiled
-def brightness(
-    magnitude: Floats,
-    v_mag: Floats,
-    observed: NDArray[np.int64],
-    catalog: NDArray[np.int64],
-    k: int,
-) -> float:
-    """Return log10 of the evidence that brightness adds to the first `k` matches.
-
-    If the matches are true, instrumental magnitudes differ from the catalogue's by one zero point
-    and some scatter; if not, they are any of the frame's. Never less than -0.3: the intensities
-    may mean nothing, which then cost half of a pose's evidence and no more.
-    """
-    difference = np.empty(k)
-    n = 0
-    for i in range(k):
-        value = magnitude[observed[i]] - v_mag[catalog[i]]
-        if np.isfinite(value):
-            difference[n] = value
-            n += 1
-    if n < 3:
-        return 0.0
-    zero_point = np.median(difference[:n])
-    mean = spread = 0.0
-    known = 0
-    for value in magnitude:
-        if np.isfinite(value):
-            mean += value
-            spread += value * value
-            known += 1
-    mean /= known
-    variance = max(spread / known - mean * mean, _MAGNITUDE_SIGMA**2)
-    if variance > _WIDEST_SCATTER**2:
-        return np.log10(1 - _MEANINGFUL)
-    total = np.log(_MAGNITUDE_SIGMA * np.sqrt(2 * np.pi / n) / _ZERO_POINT_RANGE)
-    for i in range(k):
-        off = magnitude[observed[i]] - v_mag[catalog[i]] - zero_point
-        if np.isfinite(off):
-            any_star = _usual(magnitude, magnitude[observed[i]], mean, variance, known)
-            ratio = np.exp(-0.5 * (off / _MAGNITUDE_SIGMA) ** 2) / any_star
-            total += np.log((1 - _MAGNITUDE_OUTLIERS) * ratio + _MAGNITUDE_OUTLIERS)
-    # log(share e^total + 1 - share) without overflow.
-    high = max(total, 0.0)
-    return (
-        high + np.log(_MEANINGFUL * np.exp(total - high) + (1 - _MEANINGFUL) * np.exp(-high))
-    ) / np.log(10.0)

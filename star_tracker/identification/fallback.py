@@ -121,7 +121,10 @@ def candidates(
         similarities = np.concatenate(rows)
         ring_rad = level.settings.ring_rad
         n_compared += sum(_n_compared(database, main, ring_rad) for main in mains)
-        for row, star in _most_similar(similarities, settings.matches):
+        yield n_compared, None
+        similar = _most_similar(similarities, settings.matches)
+        yield n_compared, None
+        for row, star in similar:
             members = _align(database, mains[row], star, level.settings)
             tolerance_px = ring_rad * field.focal_px
             yield n_compared, members and Candidate(*members, tolerance_px)

@@ -15,15 +15,18 @@ from star_tracker.attitude.wahba import refine
 from star_tracker.catalogue.sky_index import SkyIndex, stars_near
 from star_tracker.compiled import compiled, inlined, struct
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.evidence import Evidence, ScalePrior, brightness, strongest
+from star_tracker.identification.brightness import brightness
+from star_tracker.identification.evidence import Evidence, ScalePrior, strongest
 from star_tracker.optics.camera import outside_px
-from star_tracker.optics.frame import see_at_scale
+from star_tracker.optics.frame import first_right_of, see_at_scale
 
 #: Rounds of projecting, associating and fitting, and more of them where the scale is fitted too.
 _ROUNDS, _MORE_ROUNDS = 5, 2
 #: A pose of a fitted scale with less evidence at first sight is not improved: there are many of
 #: them, and a true one hardly ever begins so low (false ones stand at -6 to -10).
 _HOPELESS = -4.0
+#: Decades of evidence that rounding can take.
+_ROUNDING = 1e-9
 #: The gate, in tolerances of the candidate, within which a star may be associated.
 GATE_TOLERANCES = 2.0
 #: The camera sees nothing at 90 deg from its boresight.
@@ -66,12 +69,13 @@ SkyType, Sky = struct("Sky", __name__, View._fields)
 #: - observed, catalog: (n,) the matches, indices into the frame and the catalogue;
 #: - residual2: (n,) their squared distances, px^2, ascending;
 #: - trial: a pose;
-#: - n_best: how many matches carry the evidence of the pose judged last;
+#: - n_best: how many matches carry the evidence of the pose judged last, and n_in_view: of so many
+#:   guide stars in the image;
 #: - n_settled: the same if that pose was fitted to the very matches listed, else 0;
 #: - n_matched, n_near: then, how many matches are listed and how many guide stars are near.
 MatchesType, Matches = struct("Matches", __name__, (
     "near", "place", "guide_star", "star_guide", "star_residual2", "observed", "catalog",
-    "residual2", "trial", "n_best", "n_settled", "n_matched", "n_near",
+    "residual2", "trial", "n_best", "n_in_view", "n_settled", "n_matched", "n_near",
 ))
 
 
@@ -81,7 +85,7 @@ def empty_matches(n_guides: int, n_centroids: int) -> Any:
     return Matches(
         np.empty(n_guides, np.int64), np.empty((n_guides, 3)), np.empty(n_guides, np.int64),
         np.empty(n_centroids, np.int64), np.empty(n_centroids), np.empty(n_centroids, np.int64),
-        np.empty(n_centroids, np.int64), np.empty(n_centroids), identity_pose(), 0, 0, 0, 0,
+        np.empty(n_centroids, np.int64), np.empty(n_centroids), identity_pose(), 0, 0, 0, 0, 0,
     )
 
 
@@ -105,7 +109,7 @@ def associate(
     of matches, sorted by residual, and of guide stars in the image.
     """
     project(sky, pose, n_near, matches)
-    n, n_inside, plane_px, place = frame.n, 0, frame.plane_px, matches.place
+    n, n_inside, place = frame.n, 0, matches.place
     guide_star, star_guide = matches.guide_star, matches.star_guide
     star_residual2 = matches.star_residual2
     for star in range(n):
@@ -117,7 +121,7 @@ def associate(
         if outside > gate_px:
             continue
         n_inside += outside <= 0.0
-        star, residual2 = _nearest(plane_px, n, place[g, 0], place[g, 1], gate_px)
+        star, residual2 = nearest_centroid(frame, place[g, 0], place[g, 1], gate_px)
         guide_star[g] = star
         if star >= 0 and residual2 <= star_residual2[star]:
             star_residual2[star] = residual2
@@ -142,15 +146,9 @@ def project(sky: Any, pose: Any, n_near: int, matches: Any) -> None:
 
 
 @inlined
-def _nearest(plane_px: Floats, n: int, x: float, y: float, gate_px: float) -> tuple[int, float]:
-    """Return which of `n` centroids is nearest to a place within a gate, -1 for none."""
-    at, high = 0, n
-    while at < high:
-        middle = (at + high) >> 1
-        if plane_px[middle, 0] < x - gate_px:
-            at = middle + 1
-        else:
-            high = middle
+def nearest_centroid(frame: Any, x: float, y: float, gate_px: float) -> tuple[int, float]:
+    """Return which centroid is nearest to a place within a gate, -1 for none."""
+    n, plane_px, at = frame.n, frame.plane_px, first_right_of(frame, x - gate_px)
     nearest, best = -1, gate_px * gate_px
     while at < n and plane_px[at, 0] <= x + gate_px:
         dx, dy = plane_px[at, 0] - x, plane_px[at, 1] - y
@@ -204,15 +202,19 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
             break
         k, score = strongest(sky, frame, trial, matches, (n_matched, n_inside))
         if frame.has_brightness:
-            magnitude = frame.magnitude[: frame.n]
-            score += brightness(magnitude, sky.v_mag, matches.observed, matches.catalog, k)
-        if not score > best or (pose.free and score < _HOPELESS):
+            seen = frame.magnitude, frame.usual
+            score += brightness(seen, sky.v_mag, matches.observed, matches.catalog, k)
+        names = _names(matches, k)
+        settled = k == k_before and names == before
+        # Perfect centroids have no more evidence after the fit than before it.
+        if not score > (best - _ROUNDING if settled else best):
             break
-        best, matches.n_best = score, k
+        if pose.free and score < _HOPELESS:
+            break
+        best, matches.n_best, matches.n_in_view = max(score, best), k, n_inside
         copy_pose(trial, pose)
         # The pose was fitted to these very matches already: they will not change any more.
-        names = _names(matches, k)
-        if k == k_before and names == before:
+        if settled:
             matches.n_settled, matches.n_matched, matches.n_near = k, n_matched, n_near
             break
         before, k_before = names, k

@@ -103,7 +103,7 @@ def label_frame(engine: Any, labels: NDArray[np.void]) -> tuple[int, float]:
         row.catalog_index, row.state = matches.catalog[i], StarState.IDENTIFIED
         row.residual_px = np.sqrt(matches.residual2[i])
     if engine.limits.displaced_gate_px > 0 and k < frame.n:
-        _label_displaced(engine, n_near, labels)
+        _label_displaced(engine, n_near, k, labels)
     return k, sum2
 
 
@@ -184,7 +184,7 @@ def _sigma(residual2: Floats, k: int) -> float:
 
 
 @compiled
-def _label_displaced(engine: Any, n_near: int, labels: NDArray[np.void]) -> None:
+def _label_displaced(engine: Any, n_near: int, k: int, labels: NDArray[np.void]) -> None:
     """Label stars that are left over with guide stars of the image that are left over.
 
     The nearest pair goes first. A pair counts only where the star's next nearest guide star is
@@ -199,7 +199,7 @@ def _label_displaced(engine: Any, n_near: int, labels: NDArray[np.void]) -> None
         if labels[frame.row[i]].state == StarState.UNIDENTIFIED:
             star[a] = i
             a += 1
-    b = _left_over(sky, engine.best, n_near, matches, labels)
+    b = _left_over(sky, engine.best, n_near, matches, k)
     guide, place, plane_px = matches.guide_star, matches.place, frame.plane_px
     by_chance = _DISPLACED_CHANCE * sky.optics[0] * sky.optics[1] / np.pi
     while a > 0 and b > 0:
@@ -223,9 +223,9 @@ def _label_displaced(engine: Any, n_near: int, labels: NDArray[np.void]) -> None
 
 @compiled
 def _left_over(
-    sky: Any, pose: Any, n_near: int, matches: Any, labels: NDArray[np.void]
+    sky: Any, pose: Any, n_near: int, matches: Any, k: int
 ) -> int:
-    """List the guide stars of the image that no centroid is labelled with; return their number.
+    """List the guide stars of the image that are not among the first `k` matches; return how many.
 
     They are listed in `guide_star`, their places at the beginning of `place`.
     """
@@ -233,8 +233,8 @@ def _left_over(
     place, near, n = matches.place, matches.near, 0
     for g in range(n_near):
         taken = False
-        for at in range(len(labels)):
-            taken |= labels[at].catalog_index == near[g]
+        for at in range(k):
+            taken |= matches.catalog[at] == near[g]
         if place[g, 2] <= 0.0 and not taken:
             matches.guide_star[n] = near[g]
             place[n, 0], place[n, 1] = place[g, 0], place[g, 1]

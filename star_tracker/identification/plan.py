@@ -16,61 +16,93 @@ from star_tracker.identification.evidence import ScalePrior
 #: - cells: most cells of a main star and batch;
 #: - worth: the least worth of a candidate by shape (`shapes.keep_agreeing`): false ones have 0.9
 #:   to 2.7 in the median, true ones 4 to 5;
-#: - pause: whether the searches of other cameras have their turn after it.
+#: - pause: whether the searches of other cameras have their turn after it;
+#: - least_n: for frames of at least so many centroids.
 LEVEL = np.dtype([
     ("by_shape", np.bool_), ("tolerance_px", np.float64), ("companions", np.int64),
     ("mains", np.int64), ("batch", np.int64), ("votes", np.int64), ("cells", np.int64),
-    ("worth", np.float64), ("pause", np.bool_),
+    ("worth", np.float64), ("pause", np.bool_), ("least_n", np.int64),
 ])
+Level = tuple[bool, float, int, int, int, int, int, float, bool, int]
 #: As many main stars as the frame has stars.
 _ALL = np.iinfo(np.int64).max
 #: Most cells of a main star in a full search by shape.
 MOST_SHAPE_CELLS = 64
+#: In frames of so many centroids, nearly all of them false, the nearest few companions of a star
+#: hardly have a true one among them: more of them vote before the full search. With 15 times as
+#: many false stars as true ones four of 64 are true, enough to stand out in every second star.
+FULL_OF_FALSE, _MANY_COMPANIONS = 250, 64
 
 
 def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
     """Return the levels of a search (levels,), of `LEVEL`.
 
-    A short search, enough for most frames, comes before the full one; it was chosen for the median
-    time over noise, missing and false stars (benchmark/RESULTS.md). Where the focal length is told
-    with a tolerance both ways take turns, as it is told first; where it is not told, only shapes
-    are left.
+    A short search, enough for most frames, comes before the full one. It goes by shape, also where
+    the focal length is known: of the triangles of a shape those of the right size are a tenth of
+    the pairs of a separation. Where the focal length is told with a tolerance the full search goes
+    both ways in turn, as it is told first; where it is not told, only shapes are left.
     """
-    by_separation = _by_separation(settings)
-    if prior.log_range == 0.0:
-        return np.array(by_separation, LEVEL)
-    by_shape = _by_shape(settings)
     if not prior.told:
-        return np.array(by_shape, LEVEL)
-    n_short = 3 * settings.quick
-    turns = []
-    if settings.quick:
-        told, shapes = by_separation[:3], by_shape[:3]
-        turns = [told[0], shapes[0], shapes[1], told[1], shapes[2], told[2]]
-    for pair in zip(by_separation[n_short:], by_shape[n_short:], strict=True):
-        turns += pair
-    both = np.array(turns, LEVEL)
-    both["pause"] = False  # one camera has nobody to wait for
-    return both
+        return np.array(_short_of_any_scale(settings) + _full_by_shape(settings), LEVEL)
+    short, full = _short(settings), _full_by_separation(settings)
+    if prior.log_range > 0.0:
+        turns = zip(full, _full_by_shape(settings), strict=True)
+        full = [level for turn in turns for level in turn]
+    else:
+        full = [_among_false(settings), *full]
+    told = np.array(short + full, LEVEL)
+    told["pause"] = False  # one camera has nobody to wait for
+    return told
 
 
-def _by_separation(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
-    first, second = settings.pair_tolerance_px[0], settings.pair_tolerance_px[:2][-1]
-    short = [(first, 6, 2, 3), (first, 16, 5, 16), (second, 12, 3, 12)]
+def _short(settings: MatchGroupSettings) -> list[Level]:
+    """Return the levels of a quick search at a told scale.
+
+    Chosen for the median time over noise, missing and false stars (benchmark/RESULTS.md): a few
+    companions first, then one main star with patience for noise, then more companions for false
+    stars, then noise again.
+    """
+    first, second = _tolerances(settings)
+    return [
+        (True, first, 8, 3, 4, 3, 24, 2.0, False, 0),
+        (True, second, 8, 1, 8, 3, 24, 2.5, False, 0),
+        (True, first, 12, 6, 12, 3, 48, 2.0, False, 0),
+        (True, second, 8, 2, 8, 3, 24, 2.5, False, 0),
+    ] * settings.quick
+
+
+def _short_of_any_scale(settings: MatchGroupSettings) -> list[Level]:
+    """Return the levels of a quick search at a scale that is not told."""
+    first, second = _tolerances(settings)
+    return [
+        (True, first, 6, 3, 6, 3, 24, 2.0, True, 0),
+        (True, first, 12, 6, 12, 3, 48, 2.0, False, 0),
+        (True, second, 12, 4, 12, 3, 48, 2.5, True, 0),
+    ] * settings.quick
+
+
+def _among_false(settings: MatchGroupSettings) -> Level:
+    """Return the level of frames that are full of false stars."""
+    n, first = _MANY_COMPANIONS, settings.pair_tolerance_px[0]
+    return (False, first, n, _ALL, n, 0, settings.cells, 0.0, False, FULL_OF_FALSE)
+
+
+def _full_by_separation(settings: MatchGroupSettings) -> list[Level]:
     n = settings.companions
-    full = [(t, n, _ALL, n) for t in settings.pair_tolerance_px]
-    rows = short * settings.quick + full
-    return [(False, *row, 0, settings.cells, 0.0, False) for row in rows]
-
-
-def _by_shape(settings: MatchGroupSettings) -> list[tuple[float, ...]]:
-    first, second = settings.pair_tolerance_px[0], settings.pair_tolerance_px[:2][-1]
-    short: list[tuple[float, ...]] = [
-        (True, first, 6, 3, 6, 3, 24, 2.0, True), (True, first, 12, 6, 12, 3, 48, 2.0, False),
-        (True, second, 12, 4, 12, 3, 48, 2.5, True),
+    return [
+        (False, t, n, _ALL, n, 0, settings.cells, 0.0, False, 0)
+        for t in settings.pair_tolerance_px
     ]
+
+
+def _full_by_shape(settings: MatchGroupSettings) -> list[Level]:
     n = settings.companions
-    full: list[tuple[float, ...]] = [
-        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 1.5, True) for t in settings.pair_tolerance_px
+    return [
+        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 1.5, True, 0)
+        for t in settings.pair_tolerance_px
     ]
-    return short * settings.quick + full
+
+
+def _tolerances(settings: MatchGroupSettings) -> tuple[float, float]:
+    """Return the first two tolerances, px, the only one twice."""
+    return settings.pair_tolerance_px[0], settings.pair_tolerance_px[:2][-1]

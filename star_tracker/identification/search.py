@@ -6,11 +6,12 @@ import numpy as np
 
 from star_tracker.attitude.pose import copy_pose
 from star_tracker.attitude.wahba import solve_wahba
-from star_tracker.compiled import compiled
+from star_tracker.compiled import clock_s, compiled
 from star_tracker.identification.cells import best_cells, members, triangle_check
 from star_tracker.identification.crowd import crowding
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.judge import judge
+from star_tracker.identification.plan import FULL_OF_FALSE
 from star_tracker.identification.shapes import (
     cast_by_shape,
     choose_runs,
@@ -37,6 +38,8 @@ _PROMISING, _BEYOND_DOUBT, _LOOK_FARTHER_PX = -1.0, 16.0, 6.0
 _FEWEST_CELLS, _CELLS_OF_A_LEVEL = 6, 480
 #: Decades of evidence a centroid without which the search does not end at once.
 _NEEDED_A_STAR = 0.7
+#: Matches that fix a pose wherever they are.
+_MANY_MATCHED = 15
 #: The work of judging a cell, in votes; by shape, of a run of rows, of a look at a cell's members
 #: and of judging them.
 _WORK_OF_A_CELL = 1000.0
@@ -44,12 +47,15 @@ _WORK_OF_A_RUN, _WORK_OF_A_LOOK, _WORK_OF_JUDGING = 10.0, 200.0, 2000.0
 
 #: How far a search has come, and the best that it has found: one record, which Python reads too.
 #: `n_hypotheses` pairs were compared with pairs, `n_since_best` candidates judged since the best
-#: pose was found, which `n_matched` matches carry; `score` and `rival_score` are the log10
-#: evidence of the best pose and of the best other pose.
+#: pose was found, which `n_matched` matches carry, of `n_in_view` guide stars; `score` and
+#: `rival_score` are the log10 evidence of the best pose and of the best other pose. At `stop_s` of
+#: `time.monotonic` the search makes way.
 PROGRESS = np.dtype([
     ("level", np.int64), ("next_main", np.int64), ("n_hypotheses", np.int64),
     ("n_judged", np.int64), ("n_since_best", np.int64), ("n_matched", np.int64),
+    ("n_in_view", np.int64),
     ("score", np.float64), ("rival_score", np.float64), ("tolerance_px", np.float64),
+    ("stop_s", np.float64),
 ])
 
 
@@ -62,6 +68,8 @@ class Limits(NamedTuple):
         second_look: how many more candidates have to be worse than one that is enough.
         work: votes between two looks at the clock.
         displaced_gate_px: farthest a displaced star may lie from its place; 0 labels none.
+        both_parities: whether either parity may be the true one, so that a figure that is its own
+            mirror image tells nothing.
     """
 
     certain: float
@@ -69,15 +77,27 @@ class Limits(NamedTuple):
     second_look: float
     work: float
     displaced_gate_px: float
+    both_parities: bool = False
 
 
 @compiled
 def forget(progress: Any) -> None:
     """Begin a search anew: nothing is found yet."""
     progress.level = progress.next_main = progress.n_hypotheses = progress.n_judged = 0
-    progress.n_since_best = progress.n_matched = 0
+    progress.n_since_best = progress.n_matched = progress.n_in_view = 0
     progress.score = progress.rival_score = -np.inf
-    progress.tolerance_px = 0.0
+    progress.tolerance_px, progress.stop_s = 0.0, np.inf
+
+
+@compiled
+def wrong_probability(progress: Any) -> float:
+    """Return that of the best pose, against its best rival and against no pose at all.
+
+    Bayes' theorem for evidence 10^score and, for no pose, 1; all equally likely beforehand.
+    """
+    score = progress.score
+    odds = 10.0 ** min(-score, 300.0) + 10.0 ** min(progress.rival_score - score, 300.0)
+    return odds / (1.0 + odds)
 
 
 @compiled
@@ -90,7 +110,7 @@ def search(engine: Any) -> int:
     while progress.level < len(levels):
         at = progress.level
         level = levels[at]
-        if progress.next_main >= min(frame.n, level.mains):
+        if frame.n < level.least_n or progress.next_main >= min(frame.n, level.mains):
             progress.level, progress.next_main = at + 1, 0
             if level.pause and progress.level < len(levels):
                 return Ended.MORE
@@ -99,8 +119,6 @@ def search(engine: Any) -> int:
             return Ended.MORE
         main = frame.mains[progress.next_main]
         progress.next_main += 1
-        if at > 0 and _tried(levels[at - 1], level, progress.next_main, frame.n):
-            continue
         see_at_scale(frame, engine.sky.focal_px, 1.0)
         if level.by_shape:
             spent += _try_main_by_shape(engine, main, level)
@@ -109,14 +127,16 @@ def search(engine: Any) -> int:
         clear(engine.votes)
         if certain(progress, limits, frame.n):
             return Ended.CERTAIN
+        if _late(progress):  # in the middle of it, perhaps
+            progress.next_main -= 1
+            return Ended.MORE
     return Ended.EXHAUSTED
 
 
 @compiled
-def _tried(before: Any, now: Any, place: int, n: int) -> bool:
-    """Return whether all companions of a main star have voted at the level before already."""
-    same = before.tolerance_px == now.tolerance_px and not (before.by_shape or now.by_shape)
-    return same and place <= before.mains and n - 1 <= before.companions
+def _late(progress: Any) -> bool:
+    """Return whether the time is up."""
+    return progress.stop_s < np.inf and clock_s() > progress.stop_s
 
 
 @compiled
@@ -127,6 +147,11 @@ def certain(progress: Any, limits: Limits, n: int) -> bool:
     score = progress.score
     needed = max(limits.certain, _NEEDED_A_STAR * n)
     if score > max(_BEYOND_DOUBT, needed) or (score > needed and 2 * progress.n_matched >= n):
+        return True
+    # Among hundreds of false stars nothing has that much. There a pose is sure that shows most of
+    # the guide stars in its view, and many.
+    matched = max(0.5 * progress.n_in_view, _MANY_MATCHED)
+    if n >= FULL_OF_FALSE and score > 2 * _BEYOND_DOUBT and progress.n_matched >= matched:
         return True
     enough = max(limits.enough, 0.5 * _NEEDED_A_STAR * n)
     return score > enough and progress.n_since_best > limits.second_look
@@ -140,25 +165,18 @@ def _try_main(engine: Any, main: int, level: Any) -> float:
     frame, progress = engine.frame, engine.progress[0]
     tolerance = level.tolerance_px / engine.sky.focal_px
     n_near = look_around(frame, main, level.companions, votes)
-    quick = level.batch < level.companions
     # The more main stars there are, the fewer chances each of them needs.
-    most = min(len(room.cells), max(_FEWEST_CELLS, _CELLS_OF_A_LEVEL // frame.n))
+    most = min(level.cells, max(_FEWEST_CELLS, _CELLS_OF_A_LEVEL // frame.n))
     cells, scores = room.cells[:most], room.scores[:most]
-    work, n_judged = 0.0, 0
-    for begin in range(0, n_near, level.batch):
-        end, total = choose_rows(pairs, votes, begin, min(begin + level.batch, n_near), tolerance)
-        progress.n_hypotheses += total
-        work += total
-        # By chance hardly any cell gets all three votes of a batch of three.
-        threshold = level.batch if quick else threshold_for(total, len(votes.low))
-        cast(pairs, votes, begin, end, threshold)
-        n_cells = best_cells(votes, n_judged, votes.n_reached, cells, scores)
-        n_judged = votes.n_reached
-        for i in range(n_cells):
-            work += _WORK_OF_A_CELL
-            _try_cell(engine, end, main, cells[i], level.tolerance_px)
-            if certain(progress, engine.limits, frame.n):
-                return work
+    end, total = choose_rows(pairs, votes, n_near, tolerance)
+    progress.n_hypotheses += total
+    cast(pairs, votes, end, threshold_for(total, len(votes.low)))
+    work = float(total)
+    for i in range(best_cells(votes, 0, votes.n_reached, cells, scores)):
+        work += _WORK_OF_A_CELL
+        _try_cell(engine, end, main, cells[i], level.tolerance_px)
+        if certain(progress, engine.limits, frame.n) or _late(progress):
+            break
     return work
 
 
@@ -199,7 +217,7 @@ def _try_main_by_shape(engine: Any, main: int, level: Any) -> float:
         n_judged = votes.n_reached
         for i in range(n_cells):
             work += _try_cell_by_shape(engine, main, cells[i], n_fan, level)
-            if certain(progress, engine.limits, frame.n):
+            if certain(progress, engine.limits, frame.n) or _late(progress):
                 return work
         done = end
     return work
@@ -210,12 +228,15 @@ def _try_cell_by_shape(engine: Any, main: int, cell: int, n_fan: int, level: Any
     """Make a candidate of a cell's members that agree in scale, and judge it; return the work."""
     sky, frame, room, star = engine.sky, engine.frame, engine.room, cell >> ROLL_BITS
     k = members_at_any_scale(engine, n_fan, cell, level.tolerance_px / sky.focal_px)
-    k, log_scale, worth = keep_agreeing(engine, k, n_fan, star)
-    prior = sky.scale_prior
-    if k < 2 or worth < level.worth or log_scale < prior.low or log_scale > prior.high:
+    k, log_scale, slack, worth = keep_agreeing(engine, k, n_fan, star)
+    prior, pose = sky.scale_prior, room.pose
+    if k < 2 or worth < level.worth:
+        return _WORK_OF_A_LOOK
+    if log_scale < prior.low - slack or log_scale > prior.high + slack:
         return _WORK_OF_A_LOOK
     room.observed[k], room.catalog[k] = main, star
-    room.pose.scale, room.pose.free = np.exp(log_scale), True
+    log_scale = min(max(log_scale, prior.low), prior.high)
+    pose.scale, pose.free = np.exp(log_scale), prior.log_range > 0.0
     see_at_scale(frame, sky.focal_px, room.pose.scale)
     if not solve_wahba(
         frame.vectors, room.observed, sky.guides.vectors, room.catalog, k + 1, room.pose.rotation
@@ -257,6 +278,7 @@ def judge_and_keep(engine: Any, pose: Any, tolerance_px: float) -> float:
         progress.score, progress.tolerance_px = score, tolerance_px
         copy_pose(pose, best)
         progress.n_since_best, progress.n_matched = 0, matches.n_best
+        progress.n_in_view = matches.n_in_view
     elif not same and score > progress.rival_score:
         progress.rival_score = score
     return score

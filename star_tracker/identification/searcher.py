@@ -20,6 +20,8 @@ from star_tracker.optics.camera import Camera
 LOST_IN_SPACE, TRACKING = MODES = ("lost_in_space", "tracking")
 #: The matchers, the primary first.
 METHODS = ("match_group", "radial_cyclic")
+#: By value: a tenth of the time of `Ended(value)`.
+_ENDED = tuple(Ended)
 
 
 class Sample(NamedTuple):
@@ -114,27 +116,32 @@ class Searcher:
     ) -> None:
         self.scale_is_told = scale_is_told
         self.camera, self.catalog, self._engine, self.results = camera, catalog, engine, results
-        self._progress = results.progress
+        self._progress = results.progress[0]  # the record itself, not a copy of it
         self.ended, self.method, self.mode = Ended.MORE, METHODS[0], LOST_IN_SPACE
 
     def follow(self, task: Task) -> None:
         """Begin a frame, search for a while and label it where that solves it."""
         self.method, self.mode = METHODS[0], LOST_IN_SPACE
-        self.ended = Ended(verbs.follow(self._engine, task.xy_px, task.intensity, task.labels))
+        self.ended = _ENDED[verbs.follow(self._engine, task.xy_px, task.intensity, task.labels)]
 
     def begin(self, task: Task) -> None:
         """Take a frame in without searching it."""
-        self.ended = Ended(verbs.begin(self._engine, task.xy_px, task.intensity))
+        self.ended = _ENDED[verbs.begin(self._engine, task.xy_px, task.intensity)]
 
     def track(self, task: Task, rotation: Floats) -> None:
         """Begin a frame with a predicted rotation (3, 3) and label it where that solves it."""
         self.method, self.mode = METHODS[0], TRACKING
         self.results.rotation[:] = rotation
-        self.ended = Ended(verbs.track(self._engine, task.xy_px, task.intensity, task.labels))
+        self.ended = _ENDED[verbs.track(self._engine, task.xy_px, task.intensity, task.labels)]
 
     def go_on(self, task: Task) -> None:
         """Search on for a while, and label the frame where that solves it."""
-        self.ended = Ended(verbs.go_on(self._engine, task.labels))
+        self.ended = _ENDED[verbs.go_on(self._engine, task.labels)]
+
+    def stop_at(self, stop_s: float) -> None:
+        """Go on until a `time.perf_counter` at the most; holds until the next frame."""
+        left_s = stop_s - time.perf_counter()
+        self._progress["stop_s"] = time.monotonic() + left_s
 
     def judge(self, candidate: Candidate) -> bool:
         """Judge a candidate of the fallback; return whether it is certain."""
@@ -147,9 +154,8 @@ class Searcher:
         return bool(ended == Ended.CERTAIN)
 
     def label(self, task: Task) -> None:
-        """Label the frame with the best pose."""
-        verbs.label_best(self._engine, task.labels)
-        self.ended = Ended.SOLVED
+        """Label the frame with the best pose: SOLVED, or CERTAIN where that tells no parity."""
+        self.ended = Ended(verbs.label_best(self._engine, task.labels))
 
     def field(self) -> StarField:
         """Return the frame's stars for the fallback; they hold until the next frame."""
@@ -168,24 +174,14 @@ class Searcher:
     @property
     def score(self) -> float:
         """Decades of evidence of the best pose."""
-        return float(self._progress["score"][0])
+        return float(self._progress["score"])
 
     @property
     def rival_score(self) -> float:
         """Decades of evidence of the best other pose."""
-        return float(self._progress["rival_score"][0])
+        return float(self._progress["rival_score"])
 
     @property
     def n_hypotheses(self) -> int:
         """Pairs matched with pairs so far by the primary."""
-        return int(self._progress["n_hypotheses"][0])
-
-    @property
-    def wrong_probability(self) -> float:
-        """Of the best pose, against its best rival and against no pose at all.
-
-        Bayes' theorem for evidence 10^score and, for no pose, 1; all equally likely beforehand.
-        """
-        score, rival = self.score, self.rival_score
-        odds: float = 10.0 ** min(-score, 300.0) + 10.0 ** min(rival - score, 300.0)
-        return odds / (1.0 + odds)
+        return int(self._progress["n_hypotheses"])

@@ -1,9 +1,10 @@
 """How engines are put together: for one camera, or for one step of a ladder of cameras."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.triangles import TriangleTable
@@ -14,6 +15,7 @@ from star_tracker.identification.evidence import ScalePrior, evidence
 from star_tracker.identification.judge import View
 from star_tracker.identification.search import Limits
 from star_tracker.identification.searcher import Searcher
+from star_tracker.identification.stream import nothing_expected
 from star_tracker.optics.camera import Camera
 
 
@@ -26,12 +28,14 @@ class Setup:
         limits: when a search ends.
         centroid_sigma_px: noise of a centroid, 0 = not known.
         max_centroids: room for so many.
+        expected: (1,) of `stream.EXPECTED`, what all of them expect of the next frame.
     """
 
     match_group: MatchGroupSettings | None
     limits: Limits
     centroid_sigma_px: float
     max_centroids: int
+    expected: NDArray[np.void] = field(default_factory=nothing_expected)
 
     def searchers(
         self, database: FeatureDatabase, cameras: tuple[Camera, ...], prior: ScalePrior
@@ -47,7 +51,9 @@ class Setup:
         )
         scratch = make_scratch(sizes)
         shapes = database.triangles if np.any(levels["by_shape"]) else TriangleTable.empty()
-        known = evidence(len(database.catalog) + self.max_centroids, self.centroid_sigma_px)
+        known = evidence(
+            len(database.catalog) + self.max_centroids, self.centroid_sigma_px, self.expected
+        )
         found = []
         for camera in cameras:
             view = View(

@@ -1,10 +1,11 @@
-"""The search where the scale is not known: triangles vote by their shape.
+"""The search by shape: triangles vote for a guide star and a roll, at any scale or at a known one.
 
 A main star and two of its companions make a triangle. The ratio of its sides and the angle between
 them are the same at any focal length, so that the guide-star triangles of that shape
 (`catalogue.triangles`) vote for a guide star and a roll as pairs of a known separation do. The
 members of a winning cell then each tell a scale, catalogue over observed separation; those that
-agree in scale and roll make the candidate.
+agree in scale and roll make the candidate. Where the scale is known only the triangles of its size
+vote: a twentieth of the pairs of a separation, and hardly any by chance.
 """
 
 from typing import Any
@@ -180,11 +181,11 @@ def members_at_any_scale(engine: Any, n_fan: int, cell: int, tolerance_rad: floa
 
 
 @compiled
-def keep_agreeing(engine: Any, n: int, n_fan: int, star: int) -> tuple[int, float, float]:
+def keep_agreeing(engine: Any, n: int, n_fan: int, star: int) -> tuple[int, float, float, float]:
     """Keep the members that agree with the best one in scale and roll.
 
     Writes their matches to the room. Returns how many there are, the log of their focal length
-    over the camera's own, and what they are worth (`_worth`).
+    over the camera's own, its tolerance, and what they are worth (`_worth`).
     """
     fan, room, fan_star = engine.fan, engine.room, engine.triangles.fan_star
     hub, most = 0, 0
@@ -195,7 +196,7 @@ def keep_agreeing(engine: Any, n: int, n_fan: int, star: int) -> tuple[int, floa
         if partners > most:
             hub, most = i, partners
     if most == 0:
-        return 0, 0.0, 0.0
+        return 0, 0.0, 0.0, 0.0
     k, total, sum_log = 0, 0.0, 0.0
     for j in range(n):
         if j == hub or _agree(fan, hub, j):
@@ -205,7 +206,7 @@ def keep_agreeing(engine: Any, n: int, n_fan: int, star: int) -> tuple[int, floa
             total += weight
             sum_log += weight * fan.log_ratio[j]
             k += 1
-    return k, sum_log / total, _worth(engine, hub, n_fan, k - 1, star)
+    return k, sum_log / total, 1.0 / np.sqrt(total), _worth(engine, hub, n_fan, k - 1, star)
 
 
 @compiled

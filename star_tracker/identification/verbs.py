@@ -20,15 +20,27 @@ from star_tracker.geometry.rotation import (
     write_quaternion,
 )
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.brightness import how_usual
 from star_tracker.identification.contradiction import fit_focal_length
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
+from star_tracker.identification.judge import GATE_TOLERANCES
 from star_tracker.identification.labels import StarState, label_frame
-from star_tracker.identification.search import certain, forget, judge_and_keep, search
+from star_tracker.identification.search import (
+    certain,
+    forget,
+    judge_and_keep,
+    search,
+    wrong_probability,
+)
+from star_tracker.identification.symmetry import fits_in_mirror
 from star_tracker.optics.frame import fill_frame, see_at_scale
 
 #: A predicted pose may be off by this many pixels, as the tolerance of a candidate.
 _TRACKING_PX = 12.0
+#: A star's mirror image is looked for within so many root mean square residuals: its noise, its
+#: partner's and that of the two stars that fix the mirror add up.
+_MIRROR_GATE = 5.0
 
 
 @compiled
@@ -37,6 +49,8 @@ def begin(engine: Any, xy_px: Floats, intensity: Floats) -> int:
     frame = engine.frame
     fill_frame(frame, engine.sky.optics, xy_px, intensity)
     engine.outcome[0].n_usable = frame.n
+    if frame.has_brightness:
+        how_usual(frame.magnitude, frame.n, frame.usual)
     forget(engine.progress[0])
     engine.crowd.known = False
     return Ended.TOO_FEW if frame.n < MIN_STARS else Ended.MORE
@@ -58,7 +72,8 @@ def judge_match(
 ) -> int:
     """Judge the pose of matched centroids (k,) and guide stars (k,); CERTAIN or MORE.
 
-    Matches that lie on one line of sight are no hypothesis and are passed over.
+    Matches that lie on one line of sight are no hypothesis and are passed over. A figure that
+    tells no parity is not certain where that is asked for.
     """
     pose, vectors = engine.room.pose, engine.frame.vectors
     see_at_scale(engine.frame, engine.sky.focal_px, 1.0)
@@ -67,7 +82,9 @@ def judge_match(
     if not solve_wahba(vectors, observed, sky_vectors, catalog, len(observed), pose.rotation):
         return Ended.MORE
     score = judge_and_keep(engine, pose, tolerance_px)
-    return Ended.CERTAIN if score > engine.limits.certain else Ended.MORE
+    if score <= engine.limits.certain or _tells_no_parity(engine, engine.matches.n_best, 0.0):
+        return Ended.MORE
+    return Ended.CERTAIN
 
 
 @compiled
@@ -84,8 +101,11 @@ def judge_pose(engine: Any) -> int:
 
 
 @compiled
-def label(engine: Any, labels: NDArray[np.void]) -> None:
-    """Write a row of `labels` for each centroid, and the attitude of the best pose."""
+def label(engine: Any, labels: NDArray[np.void]) -> int:
+    """Write a row of `labels` for each centroid, and the attitude of the best pose.
+
+    Returns SOLVED, or CERTAIN where the stars' mirror image fits as well and may be the true one.
+    """
     rotation, outcome, frame = engine.best.rotation, engine.outcome[0], engine.frame
     k, sum2 = label_frame(engine, labels)
     if not engine.best.free:
@@ -101,13 +121,26 @@ def label(engine: Any, labels: NDArray[np.void]) -> None:
     outcome.scale_variance = write_covariance(
         frame.vectors, engine.matches.observed, k, (of_direction, of_scale), engine.covariance
     )
+    progress = engine.progress[0]
+    outcome.wrong_probability, outcome.score = wrong_probability(progress), progress.score
+    return Ended.CERTAIN if _tells_no_parity(engine, k, outcome.rms_px) else Ended.SOLVED
 
 
 @compiled
-def label_best(engine: Any, labels: NDArray[np.void]) -> None:
-    """Label a frame whose best pose need not be the one judged last."""
+def _tells_no_parity(engine: Any, k: int, rms_px: float) -> bool:
+    """Return whether the first `k` matches fit in a mirror too, and the parity is asked for."""
+    if not engine.limits.both_parities:
+        return False
+    gate_px = max(GATE_TOLERANCES * engine.progress[0].tolerance_px, _MIRROR_GATE * rms_px)
+    focal_px = engine.sky.focal_px * engine.best.scale
+    return fits_in_mirror(engine.frame, engine.matches, k, gate_px, focal_px)
+
+
+@compiled
+def label_best(engine: Any, labels: NDArray[np.void]) -> int:
+    """Label a frame whose best pose need not be the one judged last; see `label`."""
     engine.matches.n_settled = 0
-    label(engine, labels)
+    return label(engine, labels)
 
 
 @compiled
@@ -138,8 +171,10 @@ def _labelled(engine: Any, labels: NDArray[np.void], ended: int) -> int:
         return ended
     if progress.n_since_best > 0:  # the pose judged last is not the best one
         engine.matches.n_settled = 0
-    label(engine, labels)
-    return Ended.SOLVED
+    ended = label(engine, labels)
+    if ended != Ended.SOLVED:
+        blank(labels)
+    return ended
 
 
 @compiled

@@ -108,29 +108,29 @@ def look_around(frame: Any, main: int, most: int, votes: Any) -> int:
 
 @compiled
 def choose_rows(
-    pairs: Any, votes: Any, begin: int, end: int, tolerance_rad: float
+    pairs: Any, votes: Any, n_companions: int, tolerance_rad: float
 ) -> tuple[int, int]:
-    """Find the pairs that agree with the separations of the companions begin to end.
+    """Find the pairs that agree with the separations of the nearest companions.
 
     Returns the end of those that are to vote and the number of their votes: in a deep catalogue
     the nearest few have votes enough.
     """
     total = 0
-    for i in range(begin, end):
+    for i in range(n_companions):
         first = first_row(pairs, votes.separation[i] - tolerance_rad)
         last = max(first, first_row(pairs, votes.separation[i] + tolerance_rad))
-        if total + last - first > _MOST_VOTES and i >= begin + _FEWEST_COMPANIONS:
+        if total + last - first > _MOST_VOTES and i >= _FEWEST_COMPANIONS:
             return i, total
         total += last - first
         votes.first[i], votes.last[i] = first, last
-    return end, total
+    return n_companions, total
 
 
 @compiled
-def cast(pairs: Any, votes: Any, begin: int, end: int, threshold: int) -> None:
-    """Let the companions begin to end vote; cells that reach the threshold join `reached`."""
+def cast(pairs: Any, votes: Any, n_companions: int, threshold: int) -> None:
+    """Let the nearest companions vote; cells that reach the threshold join `reached`."""
     main_azimuth = pairs.main_azimuth
-    for i in range(begin, end):
+    for i in range(n_companions):
         rows = votes.first[i], votes.last[i]
         vote_rows(main_azimuth, votes, rows, votes.azimuth[i], threshold)
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.compiled import compiled, struct
+from star_tracker.compiled import compiled, inlined, struct
 from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.camera import in_image, plane_of_pixel
 
@@ -14,8 +14,14 @@ from star_tracker.optics.camera import in_image, plane_of_pixel
 #: pixels are counted from the first one's centre, and as much for noise: nothing is known of the
 #: lens any farther.
 _OUTSIDE_MARGIN, _LENS_MARGIN_PX = 0.05, 1.0
-#: Two stars closer than this have no good position angle, pixels.
-_CLOSEST_PX = 15.0
+#: Two stars closer than 15 px have no good position angle; squared.
+_CLOSEST_PX2 = 225.0
+#: Strips of an image in which centroids are looked up.
+COLUMNS = 64
+#: So few centroids are compared all with all.
+_FEW = 96
+#: Square of a distance that there is not, px^2.
+_FAR = 1e30
 
 #: The usable centroids, from left to right, in arrays with room for `len(row)` of them:
 #:
@@ -26,12 +32,15 @@ _CLOSEST_PX = 15.0
 #:   plane_px[:n, 0] ascends;
 #: - row: (room,) index of the centroid in the input;
 #: - mains: (room,) indices in the order in which stars are tried as main star;
+#: - column: (`COLUMNS` + 1,) the first centroid of each of as many strips of the image, which all
+#:   are as wide as `strip_px`, from the leftmost centroid on;
 #: - magnitude: (room,) instrumental magnitudes, NaN = not known;
+#: - usual: (room,) how usual each of them is (`identification/brightness.py`);
 #: - has_brightness: whether intensities were given;
-#: - points, input_row, key: room for sorting.
+#: - points, input_row, key, near: room for sorting.
 FrameType, Frame = struct("Frame", __name__, (
-    "n", "vectors", "scale", "plane_px", "row", "mains", "magnitude", "has_brightness",
-    "points", "input_row", "key",
+    "n", "vectors", "scale", "plane_px", "row", "mains", "column", "strip_px", "magnitude",
+    "usual", "has_brightness", "points", "input_row", "key", "near",
 ))
 
 
@@ -41,8 +50,9 @@ def empty_frame(vectors: Floats) -> Any:
     room = len(vectors)
     return Frame(
         0, vectors, 1.0, np.empty((room, 2)), np.empty(room, np.int64),
-        np.empty(room, np.int64), np.empty(room), False,
-        np.empty((room, 2)), np.empty(room, np.int64), np.empty(room),
+        np.empty(room, np.int64), np.zeros(COLUMNS + 1, np.int64), 1.0, np.empty(room),
+        np.empty(room), False,
+        np.empty((room, 2)), np.empty(room, np.int64), np.empty(room), np.empty((5, room)),
     )
 
 
@@ -56,9 +66,7 @@ def fill_frame(frame: Any, optics: Floats, xy_px: Floats, intensity: Floats) -> 
     frame.n = _take_usable(frame, optics, xy_px)
     frame.has_brightness, frame.scale = len(intensity) > 0, 1.0
     n, vectors, plane_px, row = frame.n, frame.vectors, frame.plane_px, frame.row
-    for i in range(n):
-        row[i] = i
-    _sort(row, frame.key, n)
+    ascending(row, frame.key, n)
     focal_px = np.sqrt(optics[2] * optics[3])
     points, input_row = frame.points, frame.input_row
     for i in range(n):
@@ -67,6 +75,7 @@ def fill_frame(frame: Any, optics: Floats, xy_px: Floats, intensity: Floats) -> 
         vectors[i, 0], vectors[i, 1], vectors[i, 2] = x * scale, y * scale, scale
         plane_px[i, 0], plane_px[i, 1] = x * focal_px, y * focal_px
         row[i] = input_row[row[i]]
+    _lay_strips(frame)
     if frame.has_brightness:
         magnitude = frame.magnitude
         for i in range(n):
@@ -109,6 +118,37 @@ def _take_usable(frame: Any, optics: Floats, xy_px: Floats) -> int:
 
 
 @compiled
+def _lay_strips(frame: Any) -> None:
+    """Note where each strip of the image begins among the centroids."""
+    n, plane_px, column = frame.n, frame.plane_px, frame.column
+    if n == 0:
+        return
+    frame.strip_px = max((plane_px[n - 1, 0] - plane_px[0, 0]) / COLUMNS, 1e-9)
+    at = 0
+    for i in range(n):
+        strip = min(int((plane_px[i, 0] - plane_px[0, 0]) / frame.strip_px), COLUMNS - 1)
+        while at <= strip:
+            column[at] = i
+            at += 1
+    while at <= COLUMNS:
+        column[at] = n
+        at += 1
+
+
+@inlined
+def first_right_of(frame: Any, x_px: float) -> int:
+    """Return the first centroid whose undistorted x is not below `x_px`, n for none."""
+    n, plane_px = frame.n, frame.plane_px
+    strip = (x_px - plane_px[0, 0]) / frame.strip_px
+    at = frame.column[int(min(max(strip, 0.0), float(COLUMNS)))]
+    while at > 0 and plane_px[at - 1, 0] >= x_px:  # rounding may have put it a strip too far
+        at -= 1
+    while at < n and plane_px[at, 0] < x_px:
+        at += 1
+    return at
+
+
+@compiled
 def _order_mains(frame: Any) -> None:
     """Order the stars with the nearest companions first, bright ones before faint ones.
 
@@ -116,17 +156,60 @@ def _order_mains(frame: Any) -> None:
     Those too close for a good position angle count as if they were farther. Bright stars are less
     likely to be false.
     """
-    n, plane_px, magnitude = frame.n, frame.plane_px, frame.magnitude
-    mains, key, has_brightness = frame.mains, frame.key, frame.has_brightness
+    n, magnitude, key = frame.n, frame.magnitude, frame.key
+    if n <= _FEW:
+        _reach_of_few(frame)
+    else:
+        _reach_of_many(frame)
+    if frame.has_brightness:
+        for i in range(n):
+            brighter = 0
+            for j in range(n):
+                brighter += not magnitude[j] >= magnitude[i]
+            key[i] *= 1.0 + brighter / n
+    ascending(frame.mains, key, n)
+
+
+@compiled
+def _reach_of_few(frame: Any) -> None:
+    """Write the sum of the distances of each star's three nearest to `key`, px.
+
+    All stars are compared with all, without a branch and several at a time.
+    """
+    n, plane_px, near = frame.n, frame.plane_px, frame.near
+    x, y, first, second, third = near[0], near[1], near[2], near[3], near[4]
     for i in range(n):
-        d1 = d2 = d3 = 1e30  # squared distances of the three nearest
+        x[i], y[i] = plane_px[i, 0], plane_px[i, 1]
+        first[i] = second[i] = third[i] = _FAR
+    for j in range(n):
+        x0, y0 = x[j], y[j]
+        for i in range(n):
+            d = (x0 - x[i]) ** 2 + (y0 - y[i]) ** 2
+            d = _CLOSEST_PX2 if d < _CLOSEST_PX2 else d
+            d = _FAR if i == j else d
+            d1, d2, d3 = first[i], second[i], third[i]
+            first[i] = d if d < d1 else d1
+            d = d if d > d1 else d1
+            second[i] = d if d < d2 else d2
+            d = d if d > d2 else d2
+            third[i] = d if d < d3 else d3
+    for i in range(n):
+        frame.key[i] = np.sqrt(first[i]) + np.sqrt(second[i]) + np.sqrt(third[i])
+
+
+@compiled
+def _reach_of_many(frame: Any) -> None:
+    """Do the same from each star outwards, no farther than need be."""
+    n, plane_px = frame.n, frame.plane_px
+    for i in range(n):
+        d1 = d2 = d3 = _FAR
         for direction in (-1, 1):
             j = i + direction
             while 0 <= j < n:
                 dx, dy = plane_px[j, 0] - plane_px[i, 0], plane_px[j, 1] - plane_px[i, 1]
                 if dx * dx >= d3:
                     break
-                d = max(dx * dx + dy * dy, _CLOSEST_PX**2)
+                d = max(dx * dx + dy * dy, _CLOSEST_PX2)
                 if d < d1:
                     d1, d2, d3 = d, d1, d2
                 elif d < d2:
@@ -134,18 +217,27 @@ def _order_mains(frame: Any) -> None:
                 elif d < d3:
                     d3 = d
                 j += direction
-        mains[i], key[i] = i, np.sqrt(d1) + np.sqrt(d2) + np.sqrt(d3)
-        if has_brightness:
-            brighter = 0
-            for j in range(n):
-                brighter += not magnitude[j] >= magnitude[i]
-            key[i] *= 1.0 + brighter / n
-    _sort(mains, key, n)
+        frame.key[i] = np.sqrt(d1) + np.sqrt(d2) + np.sqrt(d3)
 
 
 @compiled
-def _sort(values: NDArray[np.int64], key: Floats, n: int) -> None:
-    """Sort the first `n` values by their keys, both in place (Shell 1959; gaps of Ciura 2001)."""
+def ascending(values: NDArray[np.int64], key: Floats, n: int) -> None:
+    """Write the places of the first `n` keys to `values`, in ascending order of the keys.
+
+    Those of few are counted, without a branch: how many are smaller. Many are sorted, keys and all
+    (Shell 1959; gaps of Ciura 2001).
+    """
+    if n <= _FEW:
+        for i in range(n):
+            own, rank = key[i], 0
+            for j in range(i):
+                rank += key[j] <= own
+            for j in range(i + 1, n):
+                rank += key[j] < own
+            values[rank] = i
+        return
+    for i in range(n):
+        values[i] = i
     for gap in (701, 301, 132, 57, 23, 10, 4, 1):
         for i in range(gap, n):
             value, k, at = values[i], key[i], i

@@ -13,9 +13,11 @@ from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.ladder import ladder
 from star_tracker.maps.simulation import Condition, synthetic_field, uniform_noise
+from star_tracker.nodes.identify.camera_report import camera_report
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
 from star_tracker.solution import SolveSettings, Status
+from star_tracker.tracker import StarTracker
 
 SIZE_PX = (512, 512)
 SETTINGS = SolveSettings(deadline_ms=60_000.0)
@@ -144,6 +146,97 @@ def test_what_was_learnt_can_be_forgotten():
     learnt.forget()
     assert learnt.camera is None
     assert learnt.estimate is None
+
+
+def sparse(camera, n, *, stars, noise_px, false_stars=0, seed=0):
+    """n frames (xy, true rotation) of so many of the stars in view, and false ones."""
+    rng = np.random.default_rng(seed)
+    for xy, rotation in frames(camera, n, noise_px=noise_px, seed=seed):
+        false = uniform_noise(camera, false_stars, rng)
+        yield np.concatenate([rng.permutation(xy)[:stars], false]), rotation
+
+
+@pytest.mark.parametrize("tolerance_percent", [0.0, 1.0])
+def test_noise_and_false_stars_are_learnt_of_any_camera(tolerance_percent):
+    camera = Camera.from_fov(12.0, *SIZE_PX)
+    learnt = tracker(replace(camera, tolerance_percent=tolerance_percent))
+    for xy, _ in sparse(camera, 30, stars=9, noise_px=0.3, false_stars=3, seed=1):
+        learnt.solve(xy)
+    # Known from 100 degrees of freedom, and from 100 centroids.
+    assert learnt.noise.sigma_px == pytest.approx(0.3, rel=4 * 0.07)
+    assert learnt.noise.false_share == pytest.approx(0.25, abs=0.05)
+    learnt.forget()
+    assert learnt.noise.sigma_px is None
+
+
+def test_a_stream_of_few_stars_has_more_evidence_and_is_more_precise_than_lone_frames():
+    camera = Camera.from_fov(12.0, *SIZE_PX)
+    learnt, gains, variances = tracker(camera), [], []
+    alone = StarTracker(FeatureDatabase.for_camera(camera), camera, SETTINGS)
+    for at, (xy, _) in enumerate(sparse(camera, 30, stars=5, noise_px=0.3, seed=2)):
+        of_stream, lone = learnt.solve(xy), alone.solve(xy)
+        if at >= 10 and lone.status is Status.SOLVED:
+            assert of_stream.status is Status.SOLVED
+            gains.append(lone.log10_false_alarms - of_stream.log10_false_alarms)
+            variances.append((of_stream.centroid_sigma_px**2, lone.centroid_sigma_px**2))
+    assert min(gains) > -0.302  # half of the evidence
+    assert np.median(gains) > 0.3
+    # That of 7 degrees of freedom is widened by 2.2 and that of 27 by 1.2: a ratio of 0.55, which
+    # 20 frames tell to 0.12.
+    of_stream, lone = np.mean(variances, axis=0)
+    assert of_stream / lone < 0.55 + 3 * 0.12
+
+
+def test_a_stream_whose_noise_grows_at_once_is_solved_as_lone_frames_are():
+    camera = Camera.from_fov(12.0, *SIZE_PX)
+    learnt, n_stream, n_alone, beyond = tracker(camera), 0, 0, 0
+    alone = StarTracker(FeatureDatabase.for_camera(camera), camera, SETTINGS)
+    for xy, _ in sparse(camera, 15, stars=8, noise_px=0.3, seed=3):
+        learnt.solve(xy)
+    for xy, rotation in sparse(camera, 25, stars=8, noise_px=0.9, false_stars=4, seed=4):
+        solution = learnt.solve(xy)
+        n_stream += solution.status is Status.SOLVED
+        n_alone += alone.solve(xy).status is Status.SOLVED
+        if solution.attitude is not None:
+            assert off_deg(solution, rotation) < 0.1
+            error = Rotation.from_matrix(solution.attitude.rotation.T @ rotation).as_rotvec()
+            beyond += error @ np.linalg.solve(solution.attitude.covariance_rad2, error) > 11.3
+    assert n_stream >= n_alone
+    assert beyond <= 2  # of 25, where one in 100 is expected: the first one may be
+    assert learnt.noise.sigma_px == pytest.approx(0.9, rel=4 * 0.07)
+
+
+def test_unrelated_frames_after_a_good_sky_are_not_solved():
+    camera = Camera.from_fov(12.0, *SIZE_PX)
+    settings = replace(SETTINGS, method="match_group")
+    learnt, rng = LearningTracker(SOURCES, camera, settings), np.random.default_rng(5)
+    for xy, _ in sparse(camera, 10, stars=9, noise_px=0.1, seed=6):
+        learnt.solve(xy)
+    assert learnt.noise.expectation is not None
+    for _ in range(51):
+        noise = uniform_noise(camera, int(rng.integers(4, 12)), rng)
+        assert learnt.solve(noise).status is not Status.SOLVED
+    assert learnt.noise.expectation is None
+
+
+def test_another_camera_begins_with_nothing_known_of_its_noise():
+    learnt = tracker()
+    for xy, _ in frames(Camera.from_fov(30.0, *SIZE_PX), 8, noise_px=0.3):
+        learnt.solve(xy)
+    assert learnt.noise.n_frames > 1  # it begins anew when the camera is known better
+    learnt.solve(frames(Camera.from_fov(15.0, *SIZE_PX), 1, seed=15)[0][0])
+    assert learnt.noise.n_frames <= 1
+
+
+def test_diagnostics_say_what_was_learnt_of_the_centroids():
+    camera = Camera.from_fov(12.0, *SIZE_PX)
+    learnt = tracker(camera)
+    assert "learnt_sigma_px" not in camera_report(learnt)[2]
+    for xy, _ in sparse(camera, 5, stars=9, noise_px=0.3, false_stars=3, seed=1):
+        learnt.solve(xy)
+    values = camera_report(learnt)[2]
+    assert values["learnt_sigma_px"] == learnt.noise.sigma_px
+    assert values["learnt_false_star_ratio"] == learnt.noise.false_share
 
 
 def test_the_fallback_alone_cannot_find_a_field_of_view():

@@ -5,9 +5,9 @@ import re
 
 import numpy as np
 import pytest
+from engines import of_brightness
 from solutions import intensity_of, record
 
-from star_tracker.identification.evidence import brightness
 from star_tracker.solution import Status
 
 
@@ -46,7 +46,7 @@ def test_intensities_that_mean_nothing_cost_half_of_the_evidence_at_most(tracker
     shuffled = np.random.default_rng(seed).permutation(intensity_of(frame))
     solution = tracker.solve(frame.xy_px, shuffled)
     assert solution.status is Status.SOLVED
-    assert solution.log10_false_alarms < without.log10_false_alarms + math.log10(2) + 1e-9
+    assert solution.log10_false_alarms < without.log10_false_alarms + math.log10(2) + 1e-5
     np.testing.assert_array_equal(
         solution.identification.catalog_index, without.identification.catalog_index
     )
@@ -111,7 +111,7 @@ def test_among_points_that_are_all_alike_nothing_else_is_beyond_belief(others):
     v_mag = np.array([2.0, 3.0, 4.0, 5.0])
     magnitude = np.concatenate([v_mag - 14.0, np.full(400, -2.5 * math.log10(others) - 12.0)])
     four = np.arange(4)
-    evidence = brightness(magnitude, v_mag, four, four, 4)
+    evidence = of_brightness(magnitude, v_mag, four, four, 4)
     assert 0 < evidence < 4 * math.log10(2 * len(magnitude))
 
 

@@ -63,8 +63,8 @@ def vote(database, frame, main, *, tolerance_px=2.0, companions=20, threshold=2)
     """Let the companions of a main star vote: the votes and how many companions did."""
     pairs, votes = pairs_of(database.pairs), empty_votes(len(database.catalog), companions)
     n = look_around(frame, main, companions, votes)
-    end, _ = choose_rows(pairs, votes, 0, n, tolerance_px / CAMERA.focal_length_px)
-    cast(pairs, votes, 0, end, threshold)
+    end, _ = choose_rows(pairs, votes, n, tolerance_px / CAMERA.focal_length_px)
+    cast(pairs, votes, end, threshold)
     return votes, end
 
 

@@ -49,6 +49,7 @@ class Scripted:
         self._bench, self._name, self._steps = bench, name, [*steps]
         self.camera, self.scale_is_told = SimpleNamespace(parity=parity), True
         self.rival_score, self.rotation, self.n_hypotheses = rival, rotation, 100
+        self.labelled_as = Ended.SOLVED
         self.certain = 0.0  # from which evidence a candidate of the fallback is certain
         self.ended, self.score = Ended.MORE, -math.inf
 
@@ -68,6 +69,9 @@ class Scripted:
         self._next()
         return self
 
+    def stop_at(self, stop_s):
+        pass
+
     def judge(self, candidate):
         self._bench.step(f"{self._name} judges {candidate}")
         self.score = max(self.score, candidate)
@@ -75,6 +79,7 @@ class Scripted:
 
     def label(self, task):
         self._bench.step(f"{self._name} labels")
+        self.ended = self.labelled_as
 
     def field(self):
         return self._name

@@ -5,21 +5,21 @@ from functools import cache
 
 import numpy as np
 import pytest
-from engines import CAMERA, Bench, catalog_of, database_at, random_sky
+from engines import CAMERA, Bench, catalog_of, database_at, of_brightness, random_sky
 from scipy.integrate import quad
 from scipy.special import comb
-from scipy.stats import chi2, f, invgamma, norm
+from scipy.stats import betabinom, chi2, f, invgamma, norm
 
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.evidence import (
     EXACT,
     ScalePrior,
-    brightness,
     evidence,
     scale_prior,
     variance,
 )
+from star_tracker.identification.stream import EXPECTED, Expectation, expect
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings
@@ -234,6 +234,48 @@ def test_more_matches_than_guide_stars_inside_are_possible_at_the_border():
     assert outside == inside
 
 
+# What earlier frames teach
+
+
+@pytest.mark.parametrize("prior", [EXACT, UNTOLD], ids=["exact", "free"])
+@pytest.mark.parametrize("size", [(3, 3, 3), (4, 10, 4), (10, 4, 4), (25, 30, 12)])
+@pytest.mark.parametrize("what", [(0.2, 20.0, 9.5, 0.5), (1.5, 7.0, 2.0, 8.0)])
+def test_a_stream_is_believed_as_much_as_a_lone_frame(what, size, prior):
+    """Half each: the noise of many residuals, and the beta-binomial probability of k of n."""
+    (n, m, k), (sigma_px, freedom, stars, false_stars) = size, what
+    xy, free = points(CAMERA, n, n), prior is UNTOLD
+    residual2 = np.full(k, 0.3)
+    bench = Bench(database_at(points(CAMERA, 5, 1)), prior=prior)
+    expect(Expectation(*what), bench.expected)
+    bench.show(xy)
+    number, score = bench.weigh(range(k), residual2, m, free=free)
+
+    def of(j, **noise):
+        vectors = CAMERA.vectors(xy)[:j]
+        return by_integration(
+            CAMERA, vectors, residual2[:j], n, m, prior=prior, free=free, **noise
+        )
+
+    for j in {3, k, number}:
+        share = (min(n, m) + 1) * betabinom.pmf(j, n, stars, false_stars)
+        stream = 10 ** of(j, sigma_px=sigma_px, freedom=freedom) * share
+        both = math.log10(0.5 * 10 ** of(j) + 0.5 * stream)
+        assert score == pytest.approx(both, abs=1e-6) if j == number else score >= both - 1e-6
+
+
+def test_a_frame_unlike_those_before_it_loses_half_of_its_evidence():
+    xy, residual2 = points(CAMERA, 40, 3), [9.0] * 8
+    alone = chosen(CAMERA, xy, residual2, 15)
+    bench = Bench(database_at(points(CAMERA, 5, 1)))
+    expect(Expectation(0.05, 20.0, 9.5, 0.5), bench.expected)
+    bench.show(xy)
+    assert bench.weigh(range(8), residual2, 15) == (
+        alone[0], pytest.approx(alone[1] - math.log10(2), abs=1e-3)
+    )
+    expect(None, bench.expected)
+    assert bench.weigh(range(8), residual2, 15) == alone
+
+
 def test_factorials():
     np.testing.assert_allclose(np.exp(evidence(6, 0.0).log_factorial), [1, 1, 2, 6, 24, 120, 720])
 
@@ -281,6 +323,20 @@ def test_a_variance_of_few_residuals_is_widened_as_students_distribution_asks(k)
     plain = sum2 / degrees
     widening = 3 * f.ppf(0.99, 3, degrees) / chi2.ppf(0.99, 3)
     assert variance(unknown, sum2, k, False) == pytest.approx(widening * plain, rel=1e-9)
+
+
+@pytest.mark.parametrize("k", [4, 6, 20])
+def test_a_variance_joins_what_a_stream_taught_unless_the_residuals_are_too_large(k):
+    degrees, expected = 2 * k - 3, np.zeros(1, EXPECTED)
+    expect(Expectation(0.2, 15.0, 9.0, 1.0), expected)
+    known, alone = evidence(100, 0.0, expected), evidence(100, 0.0)
+    bound = 0.2**2 * chi2.ppf(0.99, degrees)
+    widening = 3 * f.ppf(0.99, 3, degrees + 15) / chi2.ppf(0.99, 3)
+    for sum2 in (0.0, 0.5 * bound, 0.97 * bound):
+        joined = (15 * 0.2**2 + sum2) / (degrees + 15)
+        assert variance(known, sum2, k, False) == pytest.approx(widening * joined, rel=1e-9)
+    sum2 = 1.03 * bound
+    assert variance(known, sum2, k, False) == variance(alone, sum2, k, False)
 
 
 def test_the_widening_falls_to_one():
@@ -352,7 +408,7 @@ def sky_of(n, seed):
 def gain(magnitude, v_mag, catalog=None):
     k = len(v_mag)
     pairs = np.arange(k) if catalog is None else catalog
-    return brightness(magnitude, v_mag, np.arange(k), pairs, k)
+    return of_brightness(magnitude, v_mag, np.arange(k), pairs, k)
 
 
 def by_formula(magnitude, difference):
@@ -429,7 +485,7 @@ def test_unknown_magnitudes_are_ignored():
     holes = magnitude.copy()
     holes[[1, 5, 6]] = np.nan
     left = np.flatnonzero(np.isfinite(holes))
-    without = brightness(magnitude[left], v_mag, np.arange(9), left, 9)
+    without = of_brightness(magnitude[left], v_mag, np.arange(9), left, 9)
     assert gain(holes, v_mag) == pytest.approx(without, abs=1e-12)
     # A guide star without a magnitude too; its centroid still counts among those of the frame.
     v_mag[2] = np.nan
@@ -453,9 +509,9 @@ def test_only_the_matches_that_count_are_looked_at():
     v_mag, magnitude, _ = sky_of(9, 6)
     magnitude[6:] = magnitude[:3]
     catalog = np.arange(9)
-    first = brightness(magnitude, v_mag, np.arange(9), catalog, 6)
+    first = of_brightness(magnitude, v_mag, np.arange(9), catalog, 6)
     catalog[6:] = 0
-    assert brightness(magnitude, v_mag, np.arange(9), catalog, 6) == first
+    assert of_brightness(magnitude, v_mag, np.arange(9), catalog, 6) == first
 
 
 @pytest.mark.parametrize(
@@ -464,6 +520,6 @@ def test_only_the_matches_that_count_are_looked_at():
 def test_one_star_far_brighter_than_all_others_is_as_rare_as_one_in_all(n):
     magnitude = np.zeros(n)
     magnitude[0] = -15.0
-    found = brightness(magnitude, np.array([-15.0, 0, 0]), np.arange(3), np.arange(3), 3)
+    found = of_brightness(magnitude, np.array([-15.0, 0, 0]), np.arange(3), np.arange(3), 3)
     # Twice that for the star; the two others are like all.
     assert 0 < found < math.log10(2 * n)

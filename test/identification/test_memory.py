@@ -8,6 +8,7 @@ import pytest
 from engines import CAMERA
 from solutions import PATIENT, record
 
+from star_tracker.identification import verbs
 from star_tracker.maps.simulation import CONDITIONS, frames, uniform_noise
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
@@ -80,3 +81,31 @@ def test_the_order_of_the_centroids_never_changes_a_label(tracker, many):
             np.testing.assert_array_equal(
                 getattr(second.identification, name), getattr(first.identification, name)[order]
             )
+
+
+def unaligned(values):
+    """The same numbers one byte beside where numbers begin."""
+    raw = np.empty(values.nbytes + 1, np.uint8)
+    shifted = raw[1:].view(values.dtype).reshape(values.shape)
+    shifted[:] = values
+    return shifted
+
+
+def read_only(values):
+    found = values.copy()
+    found.setflags(write=False)
+    return found
+
+
+@pytest.mark.parametrize(
+    "other",
+    [unaligned, read_only, np.asfortranarray, lambda a: a.astype(">f8"), lambda a: a[::-1][::-1]],
+    ids=["unaligned", "read-only", "Fortran", "big-endian", "a view"],
+)
+def test_no_kind_of_array_is_compiled_for_anew(database, many, other):
+    tracker = StarTracker(database, CAMERA, PATIENT)
+    intensity = np.linspace(1.0, 2.0, len(many[0]))
+    expected = record(tracker.solve(many[0], intensity))
+    before = len(verbs.follow.overloads)
+    assert record(tracker.solve(other(many[0]), other(intensity))) == expected
+    assert len(verbs.follow.overloads) == before

@@ -5,6 +5,7 @@ Everything is seeded, and a frame may take as long as it needs.
 
 import itertools
 import math
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -182,7 +183,9 @@ NARROW = MatchGroupSettings(pair_tolerance_px=tuple(np.linspace(0.01, 0.012, 150
 def clock_of_one_ms_a_look(monkeypatch):
     """A clock that advances by 1 ms whenever it is read: after each main star and candidate."""
     reading = itertools.count()
-    clock = SimpleNamespace(perf_counter=lambda: next(reading) / 1e3)
+    clock = SimpleNamespace(
+        perf_counter=lambda: next(reading) / 1e3, monotonic=time.monotonic
+    )
     for module in (frame_solution, escalation, searcher):
         monkeypatch.setattr(module, "time", clock)
     monkeypatch.setattr(frame_solution, "_WORK", 1.0)

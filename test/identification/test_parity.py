@@ -1,5 +1,7 @@
 """Frames seen in a mirror or not: found, told, doubted and refused with the remedy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from engines import CAMERA, catalog_of, database_at
@@ -102,6 +104,72 @@ def test_a_symmetric_figure_is_ambiguous_where_the_parity_is_not_known(stretch_p
     assert solution.reason == (
         "the sky and its mirror image fit about as well: set parity to normal or mirrored"
     )
+
+
+#: Half of a figure; the other half is its mirror image about the line y = 256.
+HALF = np.array([(100.0, 60), (180, 120), (260, 30), (330, 200), (420, 90), (60, 210), (380, 160)])
+#: A star on the line, and one off it, that has no partner.
+ON_THE_LINE, ALONE = (200.0, 256.0), (455.0, 330.0)
+
+
+def symmetric(n_pairs, *more):
+    half = HALF[:n_pairs]
+    return np.concatenate([half, in_a_mirror(half), np.reshape(more, (-1, 2))])
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 0.3])
+@pytest.mark.parametrize("more", [(), (ON_THE_LINE,)])
+@pytest.mark.parametrize("n_pairs", [3, 4, 7])
+def test_a_symmetric_figure_of_many_stars_is_ambiguous_too(n_pairs, more, noise_px):
+    """Certain in either parity, and so in neither."""
+    figure = symmetric(n_pairs, *more)
+    xy = figure + np.random.default_rng(n_pairs).normal(0, noise_px, figure.shape)
+    known = tracker_of_figure(figure, "normal").solve(xy)
+    assert known.status is Status.SOLVED
+    assert known.log10_false_alarms < -8
+    solution = tracker_of_figure(figure, "auto").solve(xy)
+    assert_unsolved(solution, Status.AMBIGUOUS, len(figure))
+    assert solution.reason == (
+        "the sky and its mirror image fit about as well: set parity to normal or mirrored"
+    )
+
+
+@pytest.mark.parametrize("true", ["normal", "mirrored"])
+def test_one_star_more_tells_the_parity_of_a_symmetric_figure(true):
+    """Whichever parity is looked at first: the pairs alone are certain in the wrong one."""
+    figure = symmetric(5, ALONE)
+    xy = figure if true == "normal" else in_a_mirror(figure)
+    solution = tracker_of_figure(figure, "auto").solve(xy)
+    assert (solution.status, solution.parity) == (Status.SOLVED, true)
+    np.testing.assert_array_equal(solution.identification.catalog_index, np.arange(len(figure)))
+
+
+def test_false_stars_do_not_tell_the_parity_of_a_symmetric_figure():
+    figure = symmetric(5)
+    false = np.random.default_rng(3).uniform(0, 512, (4, 2))
+    solution = tracker_of_figure(figure, "auto").solve(np.concatenate([figure, false]))
+    assert_unsolved(solution, Status.AMBIGUOUS, 14)
+
+
+def test_the_fallback_alone_does_not_choose_a_parity_either():
+    figure = symmetric(6)
+    settings = replace(PATIENT, method="radial_cyclic")
+    database = database_at(figure, rotation=rotation_from_boresight(1, 0.5, 2))
+    solution = StarTracker(database, CAMERA.with_parity("auto"), settings).solve(figure)
+    assert_unsolved(solution, Status.AMBIGUOUS, 12)
+
+
+@pytest.mark.parametrize("n", [6, 15])
+def test_a_frame_that_shows_the_sky_and_its_mirror_image_is_ambiguous(database, map1, n):
+    """The true catalogue: either half of the centroids fits it, the other one is false then."""
+    xy = map1.xy_px[:n]
+    both = np.concatenate([xy, in_a_mirror(xy)])
+    for parity in ("normal", "mirrored"):
+        known = StarTracker(database, map1.camera.with_parity(parity), PATIENT).solve(both)
+        assert (known.status, known.parity) == (Status.SOLVED, parity)
+        assert known.log10_false_alarms < -8
+    tracker = StarTracker(database, map1.camera.with_parity("auto"), PATIENT)
+    assert_unsolved(tracker.solve(both), Status.AMBIGUOUS, 2 * n)
 
 
 @pytest.mark.parametrize("skew_px", [1.0, 1.5, 2.0, 3.0])

@@ -14,13 +14,18 @@ UNKNOWN = ScalePrior(-0.3, 0.3, 2.0, told=False, sigma=math.inf)
 ALL = np.iinfo(np.int64).max
 
 
+def of_all_frames(found):
+    """Without the levels that are only for frames of very many centroids."""
+    return found[found["least_n"] == 0]
+
+
 def told_with_tolerance(settings):
     return levels(settings, scale_prior(5.0))
 
 
 def test_the_full_search_tries_the_tolerances_in_turn():
     settings = MatchGroupSettings((1.0, 3.0), companions=9, cells=7, quick=False)
-    found = levels(settings, EXACT)
+    found = of_all_frames(levels(settings, EXACT))
     assert found.dtype == LEVEL
     assert not found["by_shape"].any()
     assert found["tolerance_px"].tolist() == [1, 3]
@@ -29,13 +34,25 @@ def test_the_full_search_tries_the_tolerances_in_turn():
 
 
 @pytest.mark.parametrize(("tolerances", "second"), [((2.0,), 2), ((2.0, 6.0, 12.0), 6)])
-def test_a_short_search_comes_before_the_full_one(tolerances, second):
-    found = levels(MatchGroupSettings(tolerances), EXACT)
-    assert found["tolerance_px"].tolist() == [2, 2, second, *tolerances]
-    short, full = found[:3], found[3:]
+def test_a_short_search_by_shape_comes_before_the_full_one(tolerances, second):
+    found = of_all_frames(levels(MatchGroupSettings(tolerances), EXACT))
+    assert found["tolerance_px"].tolist() == [2, second, 2, second, *tolerances]
+    short, full = found[:4], found[4:]
+    assert short["by_shape"].all()
+    assert not full["by_shape"].any()
     assert np.all(short["mains"] < ALL)
     assert np.all(full["mains"] == ALL)
     assert np.all(short["companions"] <= full["companions"][0])
+    assert not found["pause"].any()
+
+
+@pytest.mark.parametrize("quick", [True, False])
+def test_among_hundreds_of_false_stars_many_companions_vote_before_the_full_search(quick):
+    found = levels(MatchGroupSettings(quick=quick), EXACT)
+    (at,) = np.flatnonzero(found["least_n"])
+    assert at == 4 * quick
+    assert found["mains"][at] == ALL
+    assert found["companions"][at] > found["companions"][at + 1]
 
 
 @pytest.mark.parametrize("prior", [EXACT, scale_prior(5.0), UNKNOWN], ids=["exact", "5 %", "any"])
@@ -49,24 +66,22 @@ def test_the_votes_of_all_batches_have_room(prior, quick, companions):
     assert np.all(found["cells"] >= 1)
 
 
-def test_where_the_focal_length_is_told_with_a_tolerance_both_ways_take_turns():
+def test_where_the_focal_length_is_told_with_a_tolerance_the_full_search_takes_turns():
     """As it is told first, and what is quick before what is full."""
     settings = MatchGroupSettings((2.0, 6.0, 12.0))
     found = told_with_tolerance(settings)
-    assert found["by_shape"].tolist() == [
-        False, True, True, False, True, False,  # short
-        False, True, False, True, False, True,  # full: each tolerance both ways
-    ]
-    assert found["tolerance_px"].tolist() == [2, 2, 2, 2, 6, 6, 2, 2, 6, 6, 12, 12]
+    assert found["by_shape"].tolist() == [True] * 4 + [False, True] * 3
+    assert found["tolerance_px"].tolist() == [2, 6, 2, 6, 2, 2, 6, 6, 12, 12]
     assert not found["pause"].any()
 
 
 @pytest.mark.parametrize("quick", [True, False])
 def test_what_is_told_exactly_is_a_part_of_what_is_told_with_a_tolerance(quick):
     settings = MatchGroupSettings((2.0, 6.0), quick=quick)
-    both = told_with_tolerance(settings)
-    by_separation = both[~both["by_shape"]]
-    np.testing.assert_array_equal(by_separation, levels(settings, EXACT))
+    exact, both = of_all_frames(levels(settings, EXACT)), told_with_tolerance(settings)
+    n_short = 4 * quick
+    np.testing.assert_array_equal(both[:n_short], exact[:n_short])
+    np.testing.assert_array_equal(both[n_short::2], exact[n_short:])
 
 
 @pytest.mark.parametrize("quick", [True, False])
@@ -74,12 +89,12 @@ def test_where_the_focal_length_is_not_told_only_shapes_are_left(quick):
     settings = MatchGroupSettings((2.0, 6.0), quick=quick)
     found = levels(settings, UNKNOWN)
     assert found["by_shape"].all()
-    both = told_with_tolerance(settings)
-    shapes = both[both["by_shape"]]
+    n_short = 3 * quick
+    full = told_with_tolerance(settings)[4 * quick + 1 :: 2]
     names = [name for name in LEVEL.names if name != "pause"]
-    np.testing.assert_array_equal(found[names], shapes[names])
+    np.testing.assert_array_equal(found[names][n_short:], full[names])
     # Other cameras have their turn after each level of a full search.
-    assert found["pause"][3 * quick :].all()
+    assert found["pause"][n_short:].all()
 
 
 def test_a_candidate_by_shape_has_votes_that_chance_does_not_give():

@@ -1,12 +1,18 @@
-"""One engine as Python sees it."""
+"""How sure a search is of its best pose."""
 
 import math
+import time
 
+import numpy as np
 import pytest
-from engines import CAMERA, catalog_of, random_sky
+from engines import CAMERA, Bench
 
-from star_tracker.identification.engine import Results
-from star_tracker.identification.searcher import Searcher
+from star_tracker.compiled import compiled
+from star_tracker.identification.ended import Ended
+from star_tracker.identification.labels import LABEL
+from star_tracker.identification.search import PROGRESS, wrong_probability
+from star_tracker.identification.searcher import Task
+from star_tracker.maps.simulation import uniform_noise
 
 
 @pytest.mark.parametrize(
@@ -27,7 +33,48 @@ from star_tracker.identification.searcher import Searcher
 )
 def test_probability_of_being_wrong(score, rival, expected):
     """Bayes' theorem for three explanations: this pose, its best rival and none."""
-    results = Results.blank(4)
-    results.progress["score"], results.progress["rival_score"] = score, rival
-    searcher = Searcher(CAMERA, catalog_of(random_sky(5, 1)), None, results)
-    assert searcher.wrong_probability == pytest.approx(expected, rel=1e-9, abs=1e-290)
+    progress = np.zeros(1, PROGRESS)
+    progress["score"], progress["rival_score"] = score, rival
+    found = of_record(progress)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-290)
+
+
+@compiled
+def of_record(progress):
+    return wrong_probability(progress[0])
+
+
+def searched(bench, task):
+    """Go on to the end; return what was found."""
+    while bench.searcher.ended == Ended.MORE:
+        bench.searcher.go_on(task)
+    return bench.searcher.ended, bench.searcher.score, bench.results.progress["n_judged"][0]
+
+
+def test_a_search_that_time_has_stopped_goes_on_where_it_was(database):
+    bench, xy = Bench(database), uniform_noise(CAMERA, 15, np.random.default_rng(4))
+    task = Task(xy, np.empty(0), np.empty(len(xy), LABEL), time.perf_counter(), math.inf)
+    bench.searcher.follow(task)
+    whole = searched(bench, task)
+    bench.searcher.follow(task)
+    assert bench.searcher.ended == Ended.MORE
+    place = [bench.results.progress[name][0] for name in ("level", "next_main")]
+    bench.searcher.stop_at(time.perf_counter() - 1.0)
+    for _ in range(3):
+        bench.searcher.go_on(task)
+        assert bench.searcher.ended == Ended.MORE
+        assert [bench.results.progress[name][0] for name in ("level", "next_main")] == place
+    bench.searcher.stop_at(math.inf)
+    ended, score, n_judged = searched(bench, task)
+    assert (ended, score) == whole[:2]
+    # Each time that it was stopped it had judged one candidate of a main star, at the most.
+    assert 0 <= n_judged - whole[2] <= 3
+
+
+def test_the_next_frame_has_its_own_time(database):
+    bench, xy = Bench(database), uniform_noise(CAMERA, 15, np.random.default_rng(4))
+    task = Task(xy, np.empty(0), np.empty(len(xy), LABEL), time.perf_counter(), math.inf)
+    bench.searcher.follow(task)
+    bench.searcher.stop_at(time.perf_counter() - 1.0)
+    bench.searcher.follow(task)
+    assert bench.results.progress["stop_s"][0] == math.inf

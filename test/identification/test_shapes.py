@@ -141,11 +141,12 @@ def test_members_that_agree_are_true_and_tell_the_scale(bench, database, scale):
         main = central(bench)
         n_fan, cells = voted(bench, main)
         n = members_at_any_scale(bench.engine, n_fan, cells[0], TOLERANCE)
-        k, log_scale, worth = keep_agreeing(bench.engine, n, n_fan, int(truth[main]))
+        k, log_scale, slack, worth = keep_agreeing(bench.engine, n, n_fan, int(truth[main]))
         assert 0.6 * n_fan < k <= n
         assert worth > 3
         np.testing.assert_array_equal(catalog[:k], truth[observed[:k]])
         assert log_scale == pytest.approx(math.log(scale), abs=5e-3)
+        assert 0 < slack < 0.05
 
 
 def test_the_true_cell_of_a_full_frame_is_the_highest_too(bench, database):
@@ -199,15 +200,15 @@ def listed(bench, members, star=0):
     star_of[:] = np.arange(len(star_of)) + 50
     for column, values in zip(columns, zip(*members, strict=True), strict=True):
         column[: len(members)] = values
-    k, log_scale, _ = keep_agreeing(bench.engine, len(members), 0, star)
+    k, log_scale, slack, _ = keep_agreeing(bench.engine, len(members), 0, star)
     observed, catalog = room_lists(bench.room)
-    return observed[:k].tolist(), catalog[:k].tolist(), log_scale
+    return observed[:k].tolist(), catalog[:k].tolist(), log_scale, slack
 
 
 def test_members_agree_in_scale_and_roll(bench, database):
     """Three at a scale of e^0.02; one is off in scale, one in roll."""
     fan_star = database.triangles.fan_star[0]
-    observed, catalog, log_scale = listed(bench, [
+    observed, catalog, log_scale, slack = listed(bench, [
         (0, 3, 0.020, 0.010, 0.004), (1, 5, 0.022, 0.011, 0.002), (2, 6, 0.019, 0.012, 0.004),
         (3, 7, 0.040, 0.011, 0.004), (4, 8, 0.021, 0.025, 0.004),
     ])
@@ -215,12 +216,13 @@ def test_members_agree_in_scale_and_roll(bench, database):
     assert catalog == fan_star[[3, 5, 6]].tolist()
     # Weighted by 1 / slack^2: 1, 4 and 1.
     assert log_scale == pytest.approx((0.020 + 4 * 0.022 + 0.019) / 6)
+    assert slack == pytest.approx(0.004 / math.sqrt(6))
 
 
 def test_a_companion_or_a_guide_star_counts_once(bench):
     """A companion that might be two guide stars does not agree with itself, nor the reverse."""
-    assert listed(bench, [(0, 3, 0.0, 0.0, 0.01), (0, 4, 0.0, 0.0, 0.01)]) == ([], [], 0.0)
-    assert listed(bench, [(0, 3, 0.0, 0.0, 0.01), (1, 3, 0.0, 0.0, 0.01)]) == ([], [], 0.0)
+    assert listed(bench, [(0, 3, 0.0, 0.0, 0.01), (0, 4, 0.0, 0.0, 0.01)]) == ([], [], 0.0, 0.0)
+    assert listed(bench, [(0, 3, 0.0, 0.0, 0.01), (1, 3, 0.0, 0.0, 0.01)]) == ([], [], 0.0, 0.0)
 
 
 @pytest.mark.parametrize("n_fan", [3, 8])
@@ -236,7 +238,7 @@ def test_members_are_worth_how_rarely_chance_brings_so_many_together(bench, data
     for column, values in zip(columns, ([0, 1, 2], [3, 5, 6], [0] * 3, [0] * 3, [slack] * 3),
                               strict=True):
         column[:3] = values
-    k, _, worth = keep_agreeing(bench.engine, 3, n_fan, 0)
+    k, _, _, worth = keep_agreeing(bench.engine, 3, n_fan, 0)
     area = (slack * apart[0]) ** 2 + (slack * apart[1:]) ** 2  # over pi
     expected = -np.log10(poisson.pmf(2, np.sum(20 / border**2 * area)))
     assert k == 3
@@ -245,7 +247,7 @@ def test_members_are_worth_how_rarely_chance_brings_so_many_together(bench, data
 
 @pytest.mark.parametrize("members", [[], [(0, 3, 0.0, 0.0, 0.01)]])
 def test_fewer_than_two_members_do_not_agree(bench, members):
-    assert keep_agreeing(bench.engine, len(members), 2, 0) == (0, 0.0, 0.0)
+    assert keep_agreeing(bench.engine, len(members), 2, 0) == (0, 0.0, 0.0, 0.0)
 
 
 # The search

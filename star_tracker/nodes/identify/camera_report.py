@@ -29,6 +29,10 @@ def camera_report(
         values["distortion_model"] = lens.model
         for name, value in zip(_RADIAL, lens.coefficients, strict=False):
             values[name] = f"{value:.5g}"
+    if tracker.noise.sigma_px is not None:
+        values["learnt_sigma_px"] = tracker.noise.sigma_px
+    if tracker.noise.false_share is not None:
+        values["learnt_false_star_ratio"] = tracker.noise.false_share
     if estimate is None:
         taught = "taken at its word" if camera.tolerance_percent == 0 else "no frame has gone in"
         return "ok", f"{_text(camera)}, {taught}", values

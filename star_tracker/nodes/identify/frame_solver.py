@@ -69,8 +69,10 @@ class FrameSolver:
         return self.tracker.camera
 
     def reset(self) -> None:
-        """Forget the last fix: the next frame is searched lost in space."""
+        """Forget last fix and noise: the next frame is searched lost in space, as a first one."""
         self._predictor.reset()
+        for tracker in self._trackers.values():
+            tracker.noise.forget()
 
     def solve(
         self, centroids: Centroids, camera: Camera | None, stamp_ns: int, received_s: float
