@@ -3,11 +3,9 @@
 import argparse
 import json
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
+from rich.console import Console
+from rich.table import Table
 
 #: One answer as plain values, units in the names.
 Record = dict[str, object]
@@ -75,25 +73,21 @@ def _finite(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def print_result(record: Record, tables: "list[Table]", as_json: bool) -> None:
+def print_result(record: Record, tables: list[Table], as_json: bool) -> None:
     """Print the record for machines or the tables for people."""
     if as_json:
         print(json_text(record, indent=2))
         return
-    from rich.console import Console  # noqa: PLC0415  a node that compiles prints no tables
-
     console = Console()
     for table in tables:
         console.print(table)
 
 
-def bar_console() -> "Console":
+def bar_console() -> Console:
     """Return where a bar of progress is drawn: nowhere but on a terminal.
 
     rich 13 ends a bar with an empty line, even one that is not drawn.
     """
-    from rich.console import Console  # noqa: PLC0415
-
     console = Console(stderr=True)
     return console if console.is_terminal else Console(stderr=True, quiet=True)
 
