@@ -7,7 +7,7 @@ process, in any order.
 import json
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from hashlib import sha256
@@ -198,9 +198,9 @@ def compete(
     return result
 
 
-def _turns(number: int, n: int) -> Iterator[int]:
-    """Yield 0 to n, each frame from another one on: who goes first finds the caches cold."""
-    return ((number + i) % n for i in range(n))
+def _turns(number: int, n: int) -> list[int]:
+    """Return 0 to n in a frame's own order: who follows one like it finds the caches warm."""
+    return [int(at) for at in np.random.default_rng(number).permutation(n)]
 
 
 def timed_solve(entrant: Entrant, scene: Scene) -> tuple[Answer, float]:
