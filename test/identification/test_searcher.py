@@ -1,4 +1,4 @@
-"""How sure a search is of its best pose."""
+"""One engine as Python sees it: how sure it is of its best pose, and when it makes way."""
 
 import math
 import time
