@@ -30,7 +30,7 @@ from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.spherical import Floats
 from star_tracker.maps.simulation import (
-    CAMERAS, CORRECT_DEG, CORRECT_NOISES, random_rotation, synthetic_field, uniform_noise
+    CAMERAS, CORRECT_DEG, CORRECT_NOISES, Condition, random_rotation, synthetic_field, uniform_noise
 )
 from star_tracker.solution import Solution, SolveSettings
 from star_tracker.tracker import StarTracker
@@ -57,7 +57,7 @@ class Kind:
         least = self.stars or 6
         while True:
             view = synthetic_field(
-                catalog, CAMERA, random_rotation(rng), rng, noise_px=self.noise_px
+                catalog, CAMERA, random_rotation(rng), rng, Condition(noise_px=self.noise_px)
             )
             if len(view.xy_px) >= least:
                 seen = rng.permutation(view.xy_px)[: self.stars]
