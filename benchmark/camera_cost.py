@@ -34,14 +34,16 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
+from node_cost import cpu_s
+
+from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.detection.render import render
 from star_tracker.msg_adapters.camera_info import info_from_camera
 from star_tracker.msg_adapters.health import report_from_status
 from star_tracker.msg_adapters.image import Picture, image_from_picture
 from star_tracker.msg_adapters.stamp import nanoseconds_from_header
-from node_cost import cpu_s
-from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.detection.render import render
 from star_tracker.nodes.sky_parameters import SkyImageParameters
+from star_tracker.optics.camera import PIXEL_ORIGINS
 
 #: Size, field of view, encoding and rate of each stream.
 STREAMS = {
@@ -126,8 +128,8 @@ def messages_of(sky: SkyImageParameters, encoding: str) -> tuple[list[Image], li
         ).image), encoding, header)
         for i in range(_N_IMAGES)
     ]
-    camera = replace(camera, cx_px=camera.cx_px - 0.5, cy_px=camera.cy_px - 0.5)
-    return images, [info_from_camera(camera, header) for _ in range(_N_IMAGES)]
+    counted = camera.moved(-PIXEL_ORIGINS["center"])
+    return images, [info_from_camera(counted, header) for _ in range(_N_IMAGES)]
 
 
 def spin_until(

@@ -5,8 +5,9 @@ q is spread evenly over its logarithm, from 5 to where the sensor saturates: the
 found, the rms error over the bound, and the mean error along x and y, by decades of q. A plain
 background, a gradient, banding, and with a tenth of the stars saturated, which have a row of their
 own. Then pairs of like stars (and of one four times as bright as the other) by their separation in
-widths: how many are split, and how far from the nearer star the one centroid lies of those that
-are not, and what it is flagged. Prints tables in Markdown.
+widths: how many are split, and of those that are not how far from the middle of their light and
+from the first star, the brighter one, the one centroid lies, and whether it is flagged `BLEND`.
+Prints tables in Markdown.
 """
 
 import argparse

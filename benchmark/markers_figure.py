@@ -19,7 +19,6 @@ import numpy as np
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from star_tracker.msg_adapters.markers import markers_from_solution
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.figures.field_labels import annotation, put_labels
@@ -27,6 +26,7 @@ from star_tracker.figures.sky_grid import grid_lines
 from star_tracker.figures.style import house_style, new_figure, save, text_box
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.markers import markers_from_solution
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import SolveSettings
 from star_tracker.tracker import StarTracker

@@ -26,9 +26,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Header
 
+from star_tracker.maps.star_map import paper_maps
 from star_tracker.msg_adapters.camera_info import info_from_camera
 from star_tracker.msg_adapters.point_cloud import Centroids, cloud_from_centroids
-from star_tracker.maps.star_map import paper_maps
 from star_tracker.resources import resource_path
 
 MAP1 = paper_maps((1,))[0]

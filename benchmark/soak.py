@@ -37,8 +37,8 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
-from star_tracker.msg_adapters.point_cloud import Centroids, cloud_from_centroids
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.msg_adapters.point_cloud import Centroids, cloud_from_centroids
 
 RATE_HZ, FAULTY = 50.0, 0.05
 FLOOD_HZ, FLOOD_S = 1000.0, 30.0

@@ -30,7 +30,8 @@ from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.spherical import Floats
 from star_tracker.maps.simulation import (
-    CAMERAS, CORRECT_DEG, CORRECT_NOISES, Condition, random_rotation, synthetic_field, uniform_noise
+    CAMERAS, CORRECT_DEG, CORRECT_NOISES, Condition, random_rotation, synthetic_field,
+    uniform_noise
 )
 from star_tracker.solution import Solution, SolveSettings
 from star_tracker.tracker import StarTracker
@@ -74,14 +75,12 @@ class Verdict:
     deviation: float
 
 
-def verdict(solution: Solution, true: Floats | None, noise_px: float) -> Verdict:
-    """Hold a solution against the truth, None where the frame shows no sky."""
+def verdict(solution: Solution, true: Floats, noise_px: float) -> Verdict:
+    """Hold a solution against the truth."""
     if solution.attitude is None:
         return Verdict(float("nan"), False, float("nan"))
     covariance = solution.attitude.covariance_rad2
     deviation = float(np.sqrt(covariance[0, 0] + covariance[1, 1]))
-    if true is None:
-        return Verdict(float("inf"), True, deviation)
     error = Rotation.from_matrix(solution.attitude.rotation.T @ true).as_rotvec()
     noise_deg = np.degrees(noise_px / CAMERA.focal_length_px)
     wrong = np.degrees(np.hypot(*error[:2])) > max(CORRECT_DEG, CORRECT_NOISES * noise_deg)

@@ -60,7 +60,12 @@ def test_a_bag_and_a_node_take_the_same_camera_for_a_stamp(n_cameras):
             infos.append(info)
         of_bag = Announced(infos, "normal")
         for stamp in range(13):
-            assert of_bag.at(stamp) == feed.best(stamp)
+            of_node = feed.best(stamp)
+            if of_node is None:
+                with pytest.raises(ValueError, match="all CameraInfo are younger than this frame"):
+                    of_bag.at(stamp, "camera")
+            else:
+                assert of_bag.at(stamp, "camera") == of_node
 
 
 def messages_of(path):

@@ -228,15 +228,30 @@ def test_another_camera_begins_with_nothing_known_of_its_noise():
     assert learnt.noise.n_frames <= 1
 
 
+def report(learnt):
+    """The values of the status of the camera in /diagnostics."""
+    return camera_report(learnt, lambda camera: camera)[2]
+
+
 def test_diagnostics_say_what_was_learnt_of_the_centroids():
     camera = Camera.from_fov(12.0, *SIZE_PX)
     learnt = tracker(camera)
-    assert "learnt_sigma_px" not in camera_report(learnt)[2]
+    assert "learnt_sigma_px" not in report(learnt)
     for xy, _ in sparse(camera, 5, stars=9, noise_px=0.3, false_stars=3, seed=1):
         learnt.solve(xy)
-    values = camera_report(learnt)[2]
+    values = report(learnt)
     assert values["learnt_sigma_px"] == learnt.noise.sigma_px
     assert values["learnt_false_star_ratio"] == learnt.noise.false_share
+
+
+def test_a_noise_that_is_told_is_not_said_to_be_learnt():
+    camera = Camera.from_fov(12.0, *SIZE_PX)
+    told = LearningTracker(SOURCES, camera, replace(SETTINGS, centroid_sigma_px=0.5))
+    for xy, _ in sparse(camera, 5, stars=9, noise_px=0.3, false_stars=3, seed=1):
+        told.solve(xy)
+    values = report(told)
+    assert "learnt_sigma_px" not in values
+    assert values["learnt_false_star_ratio"] == told.noise.false_share
 
 
 def test_the_fallback_alone_cannot_find_a_field_of_view():

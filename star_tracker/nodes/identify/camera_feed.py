@@ -27,13 +27,11 @@ class CameraFeed:
         self._cameras: deque[tuple[int, Camera]] = deque(maxlen=_REMEMBERED)
         #: The last frames by stamp, and whether each had a CameraInfo of its own.
         self._partners: deque[tuple[int, bool]] = deque(maxlen=_FRAMES)
-        self.n_announced = 0
         #: Whether a frame has taken the only camera although that is younger than the frame.
         self.timeless = False
 
     def announce(self, stamp_ns: int, camera: Camera) -> None:
         """Remember a camera."""
-        self.n_announced += 1
         self._cameras.append((stamp_ns, camera))
         for i, (stamp, _) in enumerate(self._partners):  # some come after their frame
             if stamp == stamp_ns:

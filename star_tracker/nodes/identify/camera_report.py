@@ -29,7 +29,7 @@ def camera_report(
         values["distortion_model"] = lens.model
         for name, value in zip(_RADIAL, lens.coefficients, strict=False):
             values[name] = f"{value:.5g}"
-    if tracker.noise.sigma_px is not None:
+    if tracker.noise.sigma_px is not None and tracker.settings.centroid_sigma_px == 0:
         values["learnt_sigma_px"] = tracker.noise.sigma_px
     if tracker.noise.false_share is not None:
         values["learnt_false_star_ratio"] = tracker.noise.false_share
