@@ -1,4 +1,4 @@
-"""How often is a frame solved where the field of view is known, told wrongly, or not told?
+"""How often a frame is solved where the field of view is known, told wrongly, or not told.
 
 `python benchmark/any_camera.py [--frames N]`: the conditions of the benchmark at both cameras,
 without brightness. For each the share of the frames that carry enough evidence at their true pose
