@@ -53,7 +53,7 @@ data: $(ready)
 figures: $(ready)
 	$(python) benchmark/make_figures.py $(ARGS)
 
-# Against other star identifiers, in a few minutes; ARGS=--full takes about ten times as long.
+# Against other star identifiers: hours; ARGS=--quick takes some minutes. It resumes.
 benchmark: $(ready)-benchmark
 	$(python) -m star_tracker.commands.cli evaluate --config benchmark/benchmark.yaml \
 		--output benchmark/results/peers --jobs 1 $(ARGS)

@@ -78,7 +78,8 @@ class AnyCameraTracker:
     ) -> Solution:
         """Identify centroids (n, 2), pixels, at any scale; see `StarTracker.solve`.
 
-        The solution's `camera` has the focal length that the stars show.
+        The solution's `camera` has the focal length that the stars show. Where a frame is solved
+        by its brightest centroids the others stay unidentified, and are not counted as surplus.
         """
         task = received(xy_px, intensity, deadline_ms, self.settings)
         if len(task.intensity) > _BRIGHTEST:

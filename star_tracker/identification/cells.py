@@ -36,7 +36,7 @@ class MatchGroupSettings:
         pair_tolerance_px: tolerances of a pair's separation, tried in turn.
         companions: how many of the nearest stars vote for a main star.
         cells: how many of the highest cells of a main star become candidates, at the most.
-        quick: whether a short search, enough for most frames, comes before the full one.
+        quick: whether a quick search by shape, enough for most frames, comes first (`plan.py`).
     """
 
     pair_tolerance_px: tuple[float, ...] = (2.0, 6.0, 12.0)

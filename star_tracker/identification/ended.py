@@ -9,7 +9,7 @@ class Ended(IntEnum):
     Attributes:
         MORE: the work or the time for it is spent; there is more to search.
         EXHAUSTED: nothing is left to search.
-        CERTAIN: the best pose is certain.
+        CERTAIN: the best pose is certain, but for its mirror image where that fits as well.
         SOLVED: the frame is labelled.
         TOO_FEW: fewer than `MIN_STARS` usable centroids.
         NO_ROTATION: the predicted pose is no rotation.

@@ -113,7 +113,7 @@ class Escalation:
         """
         for other in self._asked[1:]:
             self._n_begun += 1
-            other.follow(task)
+            other.follow(task, task.deadline_s)
             if other.ended == Ended.SOLVED or time.perf_counter() > task.deadline_s:
                 return 0
         if self._fallback is None:
@@ -148,7 +148,7 @@ class Escalation:
         """Hold a pose that is good enough, but not certain, against its rivals."""
         if self._mirrors:
             other = self._mirrors[self._asked.index(best)]
-            other.follow(task)
+            other.follow(task, task.deadline_s)
             self._exhaust([other], task, task.deadline_s)
             if other.ended == Ended.MORE:
                 return Ended.MORE, ""

@@ -22,7 +22,8 @@ Lang et al. (2010) for a likelihood ratio in the service of astrometry.
 Where the focal length is not known, log f is a fourth unknown, integrated out over a uniform prior
 of `log_range`: (2 pi)^2 (sigma / f)^4 / sqrt(det) / (8 pi^2 log_range) with the information matrix
 of `attitude.joint_fit`. A search over many focal lengths is so charged for all of them at once.
-Where one is told and may be wrong, the told one and the range share the belief, half each.
+Where one is told and may be wrong, the told one and the range share the belief, half each. What
+the frames of a stream teach shares it in the same way (`stream.py`).
 """
 
 import math
@@ -96,7 +97,7 @@ class Evidence(NamedTuple):
 
     Attributes:
         log_factorial: (most + 1,) natural logarithms of 0!, 1!, ...
-        log_gamma: (2 most + 4,) of gamma((nu + i) / 2).
+        log_gamma: (2 most + 4,) natural logarithms of gamma(nu / 2), gamma((nu + 1) / 2), ...
         freedom: nu, how sure the noise is.
         scale_px2: nu sigma_0^2.
         widening: by how much a variance of so many degrees of freedom is widened; see `variance`.
@@ -136,8 +137,8 @@ def variance(e: Evidence, sum2: float, k: int, free: bool) -> float:
     """Return the variance of a centroid along each axis, px^2, to be believed of k matches.
 
     What was told of the noise and the squared residuals together (Gelman et al. 2013, 2.6), or the
-    residuals alone where nothing was: what is typical would hide how good a detector is. So does
-    what earlier frames have taught, unless the residuals are too large for that. Few
+    residuals alone where nothing was: what is typical would hide how good a detector is. What
+    earlier frames have taught joins them too, unless the residuals are too large for that. Few
     residuals may all be small by chance, so that the variance is widened until an error beyond the
     99 % bound of a normal distribution with it is as rare as it should be, which makes it that of
     Student's distribution there. Never below `_FLOOR_PX`.

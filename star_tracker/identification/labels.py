@@ -187,9 +187,10 @@ def _sigma(residual2: Floats, k: int) -> float:
 def _label_displaced(engine: Any, n_near: int, k: int, labels: NDArray[np.void]) -> None:
     """Label stars that are left over with guide stars of the image that are left over.
 
-    The nearest pair goes first. A pair counts only where the star's next nearest guide star is
-    three times farther and where chance would not put two unrelated points so close: with a
-    unmatched stars and b unmatched guide stars, a b pi d^2 / area pairs are expected within d.
+    The first `k` matches are not left over. The nearest pair goes first. A pair counts only where
+    the star's next nearest guide star is three times farther and where chance would not put two
+    unrelated points so close: with a unmatched stars and b unmatched guide stars, a b pi d^2 /
+    area pairs are expected within d.
     """
     sky, frame, matches = engine.sky, engine.frame, engine.matches
     gate_px = engine.limits.displaced_gate_px

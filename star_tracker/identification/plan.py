@@ -8,13 +8,14 @@ from star_tracker.identification.evidence import ScalePrior
 
 #: One level of a search:
 #:
-#: - by_shape: whether triangles vote by shape, at any scale (`shapes.py`), or pairs by separation;
+#: - by_shape: whether triangles vote, by shape and size (`shapes.py`), or pairs by separation;
 #: - tolerance_px: of a separation;
-#: - companions: how many vote for a main star, and batch: how many at a time;
+#: - companions: how many vote for a main star;
 #: - mains: how many main stars there are;
-#: - votes: the least votes of a cell that is looked at;
-#: - cells: most cells of a main star and batch;
-#: - worth: the least worth of a candidate by shape (`shapes.keep_agreeing`): false ones have 0.9
+#: - batch: by shape, how many at a time, before the cells are looked at; pairs vote all at once;
+#: - votes: by shape, the least votes of a cell that is looked at, however few there are in all;
+#: - cells: most cells that are looked at, of a batch or of a main star whose pairs vote;
+#: - worth: by shape, the least worth of a candidate (`shapes.keep_agreeing`): false ones have 0.9
 #:   to 2.7 in the median, true ones 4 to 5;
 #: - pause: whether the searches of other cameras have their turn after it;
 #: - least_n: for frames of at least so many centroids.
@@ -37,25 +38,26 @@ FULL_OF_FALSE, _MANY_COMPANIONS = 250, 64
 def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
     """Return the levels of a search (levels,), of `LEVEL`.
 
-    A short search, enough for most frames, comes before the full one. It goes by shape, also where
-    the focal length is known: of the triangles of a shape those of the right size are a tenth of
-    the pairs of a separation. Where the focal length is told with a tolerance the full search goes
-    both ways in turn, as it is told first; where it is not told, only shapes are left.
+    A quick search, enough for most frames, comes before the full one. It goes by shape, also where
+    the focal length is known: the triangles of the right shape and size that four companions make
+    are a twentieth of the pairs of their separations, of twelve a tenth. Where the focal length is
+    told with a tolerance the full search goes both ways in turn, as it is told first; where it is
+    not told, only shapes are left.
     """
     if not prior.told:
-        return np.array(_short_of_any_scale(settings) + _full_by_shape(settings), LEVEL)
-    short, full = _short(settings), _full_by_separation(settings)
+        return np.array(_quick_of_any_scale(settings) + _full_by_shape(settings), LEVEL)
+    quick, full = _quick(settings), _full_by_separation(settings)
     if prior.log_range > 0.0:
         turns = zip(full, _full_by_shape(settings), strict=True)
         full = [level for turn in turns for level in turn]
     else:
         full = [_among_false(settings), *full]
-    told = np.array(short + full, LEVEL)
+    told = np.array(quick + full, LEVEL)
     told["pause"] = False  # one camera has nobody to wait for
     return told
 
 
-def _short(settings: MatchGroupSettings) -> list[Level]:
+def _quick(settings: MatchGroupSettings) -> list[Level]:
     """Return the levels of a quick search at a told scale.
 
     Chosen for the median time over noise, missing and false stars (benchmark/RESULTS.md): a few
@@ -71,7 +73,7 @@ def _short(settings: MatchGroupSettings) -> list[Level]:
     ] * settings.quick
 
 
-def _short_of_any_scale(settings: MatchGroupSettings) -> list[Level]:
+def _quick_of_any_scale(settings: MatchGroupSettings) -> list[Level]:
     """Return the levels of a quick search at a scale that is not told."""
     first, second = _tolerances(settings)
     return [

@@ -66,7 +66,7 @@ class Limits(NamedTuple):
         certain: log10 evidence that is certain.
         enough: log10 evidence that is enough.
         second_look: how many more candidates have to be worse than one that is enough.
-        work: votes between two looks at the clock.
+        work: in votes, after which a search makes way; its deadline may come sooner.
         displaced_gate_px: farthest a displaced star may lie from its place; 0 labels none.
         both_parities: whether either parity may be the true one, so that a figure that is its own
             mirror image tells nothing.
@@ -200,7 +200,7 @@ def _try_cell(
 
 @compiled
 def _try_main_by_shape(engine: Any, main: int, level: Any) -> float:
-    """Judge the candidates of one main star at any scale; return the work."""
+    """Judge the candidates of one main star by shape, batch by batch; return the work."""
     frame, votes, room, progress = engine.frame, engine.votes, engine.room, engine.progress[0]
     tolerance = level.tolerance_px / engine.sky.focal_px
     n_fan = spread(frame, main, level.companions, engine.fan)
@@ -237,9 +237,9 @@ def _try_cell_by_shape(engine: Any, main: int, cell: int, n_fan: int, level: Any
     room.observed[k], room.catalog[k] = main, star
     log_scale = min(max(log_scale, prior.low), prior.high)
     pose.scale, pose.free = np.exp(log_scale), prior.log_range > 0.0
-    see_at_scale(frame, sky.focal_px, room.pose.scale)
+    see_at_scale(frame, sky.focal_px, pose.scale)
     if not solve_wahba(
-        frame.vectors, room.observed, sky.guides.vectors, room.catalog, k + 1, room.pose.rotation
+        frame.vectors, room.observed, sky.guides.vectors, room.catalog, k + 1, pose.rotation
     ):
         return _WORK_OF_A_LOOK
     _judge_candidate(engine, level.tolerance_px)

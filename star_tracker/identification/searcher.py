@@ -1,5 +1,6 @@
 """One engine as Python sees it: the search of frames under one parity."""
 
+import math
 import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -119,9 +120,19 @@ class Searcher:
         self._progress = results.progress[0]  # the record itself, not a copy of it
         self.ended, self.method, self.mode = Ended.MORE, METHODS[0], LOST_IN_SPACE
 
-    def follow(self, task: Task) -> None:
-        """Begin a frame, search for a while and label it where that solves it."""
+    def follow(self, task: Task, stop_s: float = math.inf) -> None:
+        """Begin a frame, search for a while and label it where that solves it.
+
+        It takes the search until a `time.perf_counter` at the most.
+        """
         self.method, self.mode = METHODS[0], LOST_IN_SPACE
+        if stop_s < math.inf:
+            verbs.blank(task.labels)
+            self.begin(task)
+            if self.ended == Ended.MORE:
+                self.stop_at(stop_s)
+                self.go_on(task)
+            return
         self.ended = _ENDED[verbs.follow(self._engine, task.xy_px, task.intensity, task.labels)]
 
     def begin(self, task: Task) -> None:

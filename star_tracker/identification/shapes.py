@@ -3,9 +3,9 @@
 A main star and two of its companions make a triangle. The ratio of its sides and the angle between
 them are the same at any focal length, so that the guide-star triangles of that shape
 (`catalogue.triangles`) vote for a guide star and a roll as pairs of a known separation do. The
-members of a winning cell then each tell a scale, catalogue over observed separation; those that
+members of a winning cell then each tell a scale, observed over catalogue separation; those that
 agree in scale and roll make the candidate. Where the scale is known only the triangles of its size
-vote: a twentieth of the pairs of a separation, and hardly any by chance.
+vote: those of four companions are a twentieth of the pairs that would, and hardly any by chance.
 """
 
 from typing import Any

@@ -66,7 +66,7 @@ def expect(what: Expectation | None, expected: NDArray[np.void]) -> None:
 
 @compiled
 def begin(expected: Any, n: int, m: int, half: float) -> tuple[float, float, float]:
-    """Return what `ratio` needs for three matches of n centroids and m guide stars in view.
+    """Return what `gain` needs for three matches of n centroids and m guide stars in view.
 
     That is the logarithm of what depends on neither residuals nor noise, half of the degrees of
     freedom, and the logarithm of their gamma function. `half` are those of the matches alone.

@@ -60,8 +60,8 @@ def begin(engine: Any, xy_px: Floats, intensity: Floats) -> int:
 def go_on(engine: Any, labels: NDArray[np.void]) -> int:
     """Search on, within the budget of work; label the frame where that makes a pose certain.
 
-    Returns MORE, EXHAUSTED, CERTAIN (of a pose that is enough, but has to face its rivals) or
-    SOLVED.
+    Returns MORE, EXHAUSTED, CERTAIN (of a pose that has to face its rivals yet: it is no more than
+    enough, or fits in a mirror as well) or SOLVED.
     """
     return _labelled(engine, labels, search(engine))
 

@@ -9,10 +9,10 @@ from star_tracker.compiled import compiled, inlined, struct
 from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.camera import in_image, plane_of_pixel
 
-#: A centroid this far outside of the image (in image sizes) cannot have come from it: noise may
-#: push some over its edge. With distortion it is half a pixel, which is all that is outside where
-#: pixels are counted from the first one's centre, and as much for noise: nothing is known of the
-#: lens any farther.
+#: A centroid farther outside of the image than this (in image sizes) cannot have come from it:
+#: noise may push some over its edge. With distortion it is 1 px, as nothing is known of the lens
+#: any farther: the half pixel that is outside where pixels are counted from the first one's
+#: centre, and as much for noise.
 _OUTSIDE_MARGIN, _LENS_MARGIN_PX = 0.05, 1.0
 #: Two stars closer than 15 px have no good position angle; squared.
 _CLOSEST_PX2 = 225.0
@@ -199,7 +199,7 @@ def _reach_of_few(frame: Any) -> None:
 
 @compiled
 def _reach_of_many(frame: Any) -> None:
-    """Do the same from each star outwards, no farther than need be."""
+    """Write the same as `_reach_of_few`, from each star outwards, no farther than need be."""
     n, plane_px = frame.n, frame.plane_px
     for i in range(n):
         d1 = d2 = d3 = _FAR

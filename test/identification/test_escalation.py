@@ -56,7 +56,7 @@ class Scripted:
     def _next(self):
         self.ended, self.score = self._steps.pop(0) if len(self._steps) > 1 else self._steps[0]
 
-    def follow(self, task):
+    def follow(self, task, stop_s=math.inf):
         self._bench.step(f"{self._name} follows")
         self._next()
 
