@@ -4,9 +4,10 @@
 times as many false stars as true ones, and of noise, tight clumps and grids of 4 to 1000 points,
 for both cameras, told exactly, told within 5 %, of any field of view, of either parity, and with
 the fallback alone, with a deadline of 200 ms. Printed are the stretches of CPU time between two
-looks at the clock, and from the last one to the answer: other programs do not count.
-An answer is late by a part of one, as the search of a main star is ended in its middle. Python's
-garbage collector is off.
+looks of Python at the clock, and from the last one to the answer: other programs do not count.
+The search looks at it within them, too. So the last columns are by how much an answer is late at
+the most, with deadlines of 2 to 50 ms, the least of five tries each, by the clock on the wall.
+Python's garbage collector is off.
 """
 
 import argparse
@@ -38,6 +39,7 @@ from star_tracker.tracker import StarTracker
 
 POINTS = (4, 8, 20, 50, 100, 300, 1000)
 KINDS = ("exact", "told 5 %", "any", "exact, auto", "fallback")
+LATE_DEADLINES_MS, TRIES = (2.0, 5.0, 20.0, 50.0), 5
 MORE_FALSE = (Condition("f600", false_stars=6.0), Condition("f1500", false_stars=15.0))
 
 
@@ -94,6 +96,16 @@ class Clock:
         return self.stretches_ms
 
 
+def late_ms(solver: StarTracker | AnyCameraTracker, xy_px: Floats) -> float:
+    """Return by how much an answer is late; other programs make a single try later."""
+    def late(deadline_ms: float) -> float:
+        started_s = time.perf_counter()
+        solver.solve(xy_px, deadline_ms=deadline_ms)
+        return 1e3 * (time.perf_counter() - started_s) - deadline_ms
+
+    return max(min(late(one) for _ in range(TRIES)) for one in LATE_DEADLINES_MS)
+
+
 def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -104,22 +116,23 @@ def main() -> int:
     database, clock = FeatureDatabase.build(StarCatalog.paper()), Clock()
     gc.collect()
     gc.disable()
-    print("| search | frames | stretches | median ms | 99.9 % | longest, ms | in |")
-    print("|---|---|---|---|---|---|---|")
+    print("| search | frames | stretches | median ms | 99.9 % | longest | late, ms | in |")
+    print("|---|---|---|---|---|---|---|---|")
     for kind in options.kinds.split("; "):
-        found: list[tuple[float, str]] = []
-        n = 0
+        found: list[float] = []
+        late: list[tuple[float, str]] = []
         for name, camera in CAMERAS.items():
             solver = tracker(kind, database, camera)
             solver.solve(uniform_noise(camera, 30, np.random.default_rng(0)))  # loads all of it
             for scene, xy_px in scenes(database.catalog, camera, options.frames):
-                found += [(each, f"{name}, {scene}") for each in clock.solve(solver, xy_px)]
-                n += 1
+                found += clock.solve(solver, xy_px)
+                late.append((late_ms(solver, xy_px), f"{name}, {scene}"))
         found.sort()
-        median, most = (found[int(q * (len(found) - 1))][0] for q in (0.5, 0.999))
+        times = " | ".join(f"{found[int(q * (len(found) - 1))]:.2f}" for q in (0.5, 0.999, 1.0))
+        latest, where = max(late)
         print(
-            f"| {kind} | {n} | {len(found)} | {median:.2f} | {most:.2f} | {found[-1][0]:.2f} | "
-            f"{found[-1][1]} |", flush=True,
+            f"| {kind} | {len(late)} | {len(found)} | {times} | {latest:.2f} | {where} |",
+            flush=True,
         )
     return 0
 

@@ -138,7 +138,7 @@ class CameraEstimator:
         """
         observed, catalog = self._inner(xy_px, seeds)
         fit = self._fit(xy_px[observed], guides[catalog])
-        if fit is None or not self._agrees(fit, xy_px[observed], guides[catalog]):
+        if fit is None or not self._agrees(xy_px[observed], guides[catalog]):
             self._take(fit, xy_px[observed], guides[catalog])
             return None
         for _ in range(_ROUNDS):
@@ -167,7 +167,7 @@ class CameraEstimator:
         if fit is None:
             self._n_left_out += 1
             return False
-        if not self._agrees(fit, xy_px, stars):
+        if not self._agrees(xy_px, stars):
             self._n_left_out += 1
             self._n_wrong_in_a_row += 1
             return False
@@ -267,7 +267,7 @@ class CameraEstimator:
             of_camera.append(((self._camera(moved).pixels(in_camera) - at) / _STEP).ravel())
         return at, np.column_stack(of_pose), np.column_stack(of_camera)
 
-    def _agrees(self, fit: _Fit, xy_px: Floats, stars: Floats) -> bool:
+    def _agrees(self, xy_px: Floats, stars: Floats) -> bool:
         """Return whether a frame fits the camera believed as well as its uncertainty allows."""
         rotation = wahba(self._camera(self._values).vectors(xy_px), stars)
         residual, of_pose, of_camera = self._linearised(self._values, xy_px, stars, rotation)

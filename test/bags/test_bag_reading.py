@@ -4,7 +4,6 @@ import shutil
 
 import numpy as np
 import pytest
-import yaml
 from bag_files import HERE, maps_bag, raw_messages, solved
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
@@ -421,6 +420,7 @@ def test_a_place_that_is_not_there_takes_no_bag(tmp_path):
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_metadata_and_messages_are_those_of_jazzy(tmp_path, storage):
     """No QoS is offered: the player takes its default, reliable, the last ten, volatile."""
+    yaml = pytest.importorskip("yaml", reason="reading the metadata needs PyYAML")
     path = maps_bag(tmp_path / "maps", (1, 2), storage)
     told = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert (told["version"], told["storage_identifier"]) == (9, storage)

@@ -58,8 +58,7 @@ def test_a_crowd_is_found_among_others(sigma_px):
 
 def test_a_sky_with_a_swarm_of_false_stars_is_solved_as_often_as_without_the_model(database):
     """24 of 29 either way: the search begins with stars whose companions are near, the swarm."""
-    settings = SolveSettings(method="match_group", deadline_ms=np.inf)
-    tracker = StarTracker(database, CAMERA, settings)
+    tracker = StarTracker(database, CAMERA, PATIENT)
     rng, solved, possible = np.random.default_rng(5), 0, 0
     for _ in range(30):
         frame = synthetic_field(

@@ -1,4 +1,4 @@
-"""How sure a search is of its best pose."""
+"""One engine as Python sees it: how sure it is of its best pose, and when it makes way."""
 
 import math
 import time
@@ -78,3 +78,16 @@ def test_the_next_frame_has_its_own_time(database):
     bench.searcher.stop_at(time.perf_counter() - 1.0)
     bench.searcher.follow(task)
     assert bench.results.progress["stop_s"][0] == math.inf
+
+
+def test_a_frame_whose_time_is_up_is_begun_and_can_be_gone_on_with(database):
+    bench, xy = Bench(database), uniform_noise(CAMERA, 15, np.random.default_rng(4))
+    task = Task(xy, np.empty(0), np.empty(len(xy), LABEL), time.perf_counter(), math.inf)
+    bench.searcher.follow(task)
+    whole = searched(bench, task)
+    bench.searcher.follow(task, time.perf_counter() - 1.0)
+    assert bench.searcher.ended == Ended.MORE
+    assert bench.results.progress["n_judged"][0] <= 1
+    assert (task.labels["catalog_index"] == -1).all()
+    bench.searcher.stop_at(math.inf)
+    assert searched(bench, task)[:2] == whole[:2]
