@@ -1,6 +1,9 @@
 """What is measured: conditions, what is told, scenes, and the judgement of answers."""
 
+import math
+from collections import Counter
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -175,8 +178,9 @@ def test_a_solution_is_judged_by_its_boresight(found, outcome):
     assert len(result.cpu_ms) == len(result.error_deg) == 1
 
 
-def test_each_frame_another_contestant_goes_first():
-    order = []
+def test_each_frame_has_an_order_of_its_own_in_which_all_that_are_due_have_a_turn():
+    """Each goes first, and follows each other one, as often as any other."""
+    order, n = [], 600
 
     @dataclass(frozen=True)
     class Listener(Parrot):
@@ -186,9 +190,17 @@ def test_each_frame_another_contestant_goes_first():
                 lambda scene: order.append(self.name), lambda given: None, entrant.answer
             )
 
-    scenes = [(number, Scene(np.zeros((0, 2)), None, np.zeros(3))) for number in range(3)]
+    scenes = [(number, Scene(np.zeros((0, 2)), None, np.zeros(3))) for number in range(n)]
     compete((Listener("a"), Listener("b"), Listener("c", every=2)), TOLD, scenes, 0.1)
-    assert "".join(order).removeprefix("aabbcc") == "abc" + "ba" + "cab"
+    turns = iter("".join(order).removeprefix("aabbcc"))
+    taken = ["".join(islice(turns, 2 if number % 2 else 3)) for number in range(n)]
+    assert next(turns, None) is None
+    assert all("".join(sorted(one)) == "abc" for one in taken[::2])
+    assert all("".join(sorted(one)) == "ab" for one in taken[1::2])
+    of_three = Counter(taken[::2])
+    assert len(of_three) == 6
+    sigma = math.sqrt(n / 2 * 1 / 6 * 5 / 6)
+    assert all(abs(count - n / 2 / 6) < 4 * sigma for count in of_three.values())
 
 
 # ---- real images -----------------------------------------------------------------------------
