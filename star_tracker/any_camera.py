@@ -53,6 +53,7 @@ class AnyCameraTracker:
         if not steps:
             raise ValueError("a ladder needs at least one step")
         self.settings, self.steps = settings or SolveSettings(), tuple(steps)
+        self._brightest = replace(self.settings, max_centroids=_BRIGHTEST)
         self._both = parity == "auto"
         setup = setup_of(replace(self.settings, method=METHODS[0]), both_parities=self._both)
         self._limits = setup.limits
@@ -83,10 +84,8 @@ class AnyCameraTracker:
         """
         task = received(xy_px, intensity, deadline_ms, self.settings)
         if len(task.intensity) > _BRIGHTEST:
-            brightest = replace(self.settings, max_centroids=_BRIGHTEST)
-            solution = self._searched(
-                received(xy_px, intensity, _SHARE * task.deadline_ms, brightest)
-            )
+            brightest = received(xy_px, intensity, _SHARE * task.deadline_ms, self._brightest)
+            solution = self._searched(brightest)
             if solution.status is Status.SOLVED:
                 return replace(solution, n_surplus=task.n_surplus)
         return self._searched(task)

@@ -5,7 +5,7 @@ Both fade: a stream that changes slowly is followed, and one that changes at onc
 
 import math
 
-from star_tracker.identification.stream import Expectation
+from star_tracker.identification.stream import Expectation, chi_square_bound
 from star_tracker.solution import Solution, Status
 
 #: What is remembered: squared residuals of so many degrees of freedom, so many centroids.
@@ -103,9 +103,7 @@ class StreamNoise:
         if self._told_px > 0 or not self._knows:
             return False
         sigma_px = max(math.sqrt(self._squares_px2 / self._freedom), _SIGMA_RANGE_PX[0])
-        part = 2.0 / (9.0 * freedom)
-        bound = freedom * (1.0 - part + _SURPRISING * math.sqrt(part)) ** 3
-        return squares_px2 > bound * sigma_px**2
+        return bool(squares_px2 > chi_square_bound(freedom, _SURPRISING) * sigma_px**2)
 
     def _take(self, squares_px2: float, freedom: int, k: int, n: int) -> None:
         """Remember a frame, and of what was before as much as there is memory for."""

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from star_tracker.calibration.camera_estimator import CameraEstimator
+from star_tracker.calibration.noise import StreamNoise
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.triangles import TriangleTable
@@ -80,6 +81,9 @@ def exercise_solver() -> str:
     tracker = StarTracker(database, camera)
     found = tracker.solve(star_map.xy_px)
     tracker.solve(star_map.xy_px, predicted=found)
+    taught = StreamNoise()
+    for _ in range(4):
+        taught.add(found)
     tracker.solve(doubtful.xy_px)  # it has to hold out against rivals and the mirror image
     for method in METHODS:
         StarTracker(database, camera, SolveSettings(method=method)).solve(star_map.xy_px)

@@ -145,8 +145,8 @@ def triangle_check(frame: Any, guides: Any, room: Any, n: int, tolerance_rad: fl
     for i in range(n):
         partners = 0
         for j in range(n):
-            in_image = _chord(camera_vectors, observed[i], observed[j])
-            in_sky = _chord(sky_vectors, catalog[i], catalog[j])
+            in_image = chord(camera_vectors, observed[i], observed[j])
+            in_sky = chord(sky_vectors, catalog[i], catalog[j])
             partners += i != j and abs(in_image - in_sky) <= tolerance_rad
         if partners > most:
             hub, most = i, partners
@@ -155,8 +155,8 @@ def triangle_check(frame: Any, guides: Any, room: Any, n: int, tolerance_rad: fl
     k = 0
     hub_observed, hub_catalog = observed[hub], catalog[hub]
     for i in range(n):
-        chord = _chord(camera_vectors, hub_observed, observed[i])
-        agrees = abs(chord - _chord(sky_vectors, hub_catalog, catalog[i])) <= tolerance_rad
+        in_image = chord(camera_vectors, hub_observed, observed[i])
+        agrees = abs(in_image - chord(sky_vectors, hub_catalog, catalog[i])) <= tolerance_rad
         if i == hub or agrees:
             observed[k], catalog[k] = observed[i], catalog[i]
             k += 1
@@ -164,7 +164,7 @@ def triangle_check(frame: Any, guides: Any, room: Any, n: int, tolerance_rad: fl
 
 
 @compiled
-def _chord(vectors: Floats, i: int, j: int) -> float:
+def chord(vectors: Floats, i: int, j: int) -> float:
     """Return the chord between two unit vectors: for stars of one field as good as the angle."""
     a, b = vectors[i], vectors[j]
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]

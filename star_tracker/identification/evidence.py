@@ -177,6 +177,7 @@ def strongest(
     s = 0.0
     at = 2 if pose.free else 3
     half = 0.5 * (e.freedom + at)
+    of_prior = 0.5 * e.freedom * np.log(0.5 * e.scale_px2) - e.log_gamma[0]
     expected, stream = e.expected[0], (0.0, 0.0, 0.0)
     if expected.freedom > 0.0:
         stream = begin(expected, n, m, 0.5 * at)
@@ -190,21 +191,12 @@ def strongest(
         k = i + 1
         if k < 3:
             continue
-        a = adjugate(information)
-        size = determinant(information, a)
-        if pose.free:
-            c = of_scale
-            size = size * c[2] - (
-                c[0] * c[0] * a[0] + 2 * c[0] * c[1] * a[1] + c[1] * c[1] * a[3]
-            )
-        value = (
-            constant + k * per_star
-            + e.log_factorial[n - k] + e.log_factorial[k] + e.log_factorial[m - k]
-            - 0.5 * np.log(max(size, 1e-300))
-            + e.log_gamma[at] - half * np.log(0.5 * (s + e.scale_px2))
-        )
+        size = _size(information, of_scale, pose.free)
+        of_noise = of_prior + e.log_gamma[at] - half * np.log(0.5 * (s + e.scale_px2))
+        value = constant + of_noise + k * per_star - 0.5 * np.log(max(size, 1e-300))
+        value += e.log_factorial[n - k] + e.log_factorial[k] + e.log_factorial[m - k]
         if expected.freedom > 0.0:
-            value += gain(expected, stream, s, _of_noise(e, s, half, e.log_gamma[at]))
+            value += gain(expected, stream, s, of_noise)
             stream = one_more(expected, stream, n, k)
         if value > best:
             best, most = value, k
@@ -214,10 +206,15 @@ def strongest(
 
 
 @inlined
-def _of_noise(e: Evidence, s: float, half: float, log_gamma: float) -> float:
-    """Return the part of the log evidence that depends on the noise of a lone frame."""
-    of_prior = 0.5 * e.freedom * np.log(0.5 * e.scale_px2) - e.log_gamma[0]
-    return of_prior + log_gamma - half * np.log(0.5 * (s + e.scale_px2))
+def _size(m: Any, c: Any, free: bool) -> float:
+    """Return the determinant of the information about rotation, and scale where that is free."""
+    a = adjugate(m)
+    size = determinant(m, a)
+    if free:
+        size = size * c[2] - (
+            c[0] * c[0] * a[0] + 2 * c[0] * c[1] * a[1] + c[1] * c[1] * a[3]
+        )
+    return size
 
 
 @compiled
@@ -228,7 +225,6 @@ def _of_frame(sky: Any, pose: Any, n: int, m: int) -> float:
         -np.log(min(n, m) + 1.0)
         - e.log_factorial[n] - e.log_factorial[m]
         + 1.5 * np.log(2 * np.pi) - np.log(8 * np.pi**2) - 3 * np.log(sky.focal_px * pose.scale)
-        - e.log_gamma[0] + 0.5 * e.freedom * np.log(0.5 * e.scale_px2)
     )
     if pose.free:
         constant += 0.5 * np.log(2 * np.pi) - np.log(sky.focal_px * pose.scale)

@@ -25,7 +25,13 @@ from star_tracker.catalogue.triangles import (
 )
 from star_tracker.compiled import compiled, first_not_below, struct
 from star_tracker.identification.cells import MEMBERS
-from star_tracker.identification.votes import ROLL_BINS, ROLL_BITS, nearest, vote_rows
+from star_tracker.identification.votes import (
+    ROLL_BINS,
+    ROLL_BITS,
+    angle_in_image,
+    nearest,
+    vote_rows,
+)
 
 #: Room for the runs of rows that one batch of companions selects.
 _RUNS = 8192
@@ -71,10 +77,7 @@ def spread(frame: Any, main: int, most: int, fan: Any) -> int:
         u = vectors[star[i]]
         separation[i] = max(2 * np.arcsin(min(1.0, 0.5 * np.sqrt(separation[i]))), 1e-9)
         fan.log_separation[i] = np.log(separation[i])
-        # From the image's up direction, -y, towards celestial east's side; see position_angle.
-        east = u[2] * v[0] - u[0] * v[2]
-        north = -u[1] + v[1] * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
-        fan.azimuth[i] = np.arctan2(east, north)
+        fan.azimuth[i] = angle_in_image(v, u)
     return n
 
 

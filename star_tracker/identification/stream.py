@@ -109,11 +109,19 @@ def gain(expected: Any, state: tuple[float, float, float], s: float, of_noise: f
 def is_as_expected(expected: Any, sum2: float, freedom: int) -> bool:
     """Return whether squared residuals of so many degrees of freedom may have the noise expected.
 
-    Only larger ones may not: chance makes few residuals small. The bound is that of a chi-square
-    distribution (Wilson and Hilferty 1931).
+    Only larger ones may not: chance makes few residuals small.
     """
     if expected.freedom == 0.0:
         return False
-    part = 2.0 / (9.0 * freedom)
-    bound = freedom * (1.0 - part + _SURPRISING * np.sqrt(part)) ** 3
+    bound = chi_square_bound(freedom, _SURPRISING)
     return sum2 <= bound * expected.scale_px2 / expected.freedom
+
+
+@inlined
+def chi_square_bound(freedom: int, sigmas: float) -> float:
+    """Return what a chi-square distribution exceeds as rarely as a normal one so many sigmas.
+
+    Wilson and Hilferty (1931).
+    """
+    part = 2.0 / (9.0 * freedom)
+    return freedom * (1.0 - part + sigmas * math.sqrt(part)) ** 3

@@ -11,6 +11,7 @@ import numpy as np
 
 from star_tracker.compiled import compiled, inlined
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.cells import chord
 from star_tracker.identification.judge import nearest_centroid
 
 #: Of more centroids than this any star's mirror image is near one: they are not looked at, as that
@@ -31,7 +32,7 @@ def fits_in_mirror(frame: Any, matches: Any, k: int, gate_px: float, focal_px: f
         return False
     far, most = 0, 0.0
     for i in range(1, k):
-        apart = _chord(vectors[observed[0]], vectors[observed[i]])
+        apart = chord(vectors, observed[0], observed[i])
         if apart > most:
             far, most = i, apart
     figure = np.empty((k, 3))
@@ -44,17 +45,11 @@ def fits_in_mirror(frame: Any, matches: Any, k: int, gate_px: float, focal_px: f
     tolerance = 2.0 * gate_px / focal_px
     for p in range(n):
         for q in range(n):
-            if p != q and abs(_chord(vectors[p], vectors[q]) - most) <= tolerance:
+            if p != q and abs(chord(vectors, p, q) - most) <= tolerance:
                 axes = _axes(vectors[p], vectors[q])
                 if _is_there(frame, figure, axes, gate_px, focal_px):
                     return True
     return False
-
-
-@inlined
-def _chord(u: Floats, v: Floats) -> float:
-    x, y, z = u[0] - v[0], u[1] - v[1], u[2] - v[2]
-    return np.sqrt(x * x + y * y + z * z)
 
 
 @inlined

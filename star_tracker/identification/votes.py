@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from star_tracker.catalogue.pairs import AZIMUTH_BITS, AZIMUTH_UNITS, first_row
-from star_tracker.compiled import compiled, struct
+from star_tracker.compiled import compiled, inlined, struct
+from star_tracker.geometry.spherical import Floats
 
 #: 64 roll bins of 5.6 deg for each guide star.
 ROLL_BITS = 6
@@ -96,14 +97,23 @@ def look_around(frame: Any, main: int, most: int, votes: Any) -> int:
     for i in range(n):
         u = vectors[companion[i]]
         separation[i] = 2 * np.arcsin(min(1.0, 0.5 * np.sqrt(separation[i])))
-        # From the image's up direction, -y, towards celestial east's side; see position_angle.
-        east = u[2] * v[0] - u[0] * v[2]
-        north = -u[1] + v[1] * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
-        angle = np.arctan2(east, north)
+        angle = angle_in_image(v, u)
         azimuth[i] = int(np.floor(angle * (AZIMUTH_UNITS / (2 * np.pi)))) & (
             AZIMUTH_UNITS - 1
         )
     return n
+
+
+@inlined
+def angle_in_image(main: Floats, companion: Floats) -> float:
+    """Return the position angle of a companion about a main star, unit vectors in the camera.
+
+    From the image's up direction, -y, towards celestial east's side; see `position_angle`.
+    """
+    u, v = companion, main
+    east = u[2] * v[0] - u[0] * v[2]
+    north = -u[1] + v[1] * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
+    return float(np.arctan2(east, north))
 
 
 @compiled
