@@ -69,6 +69,7 @@ class AnyCameraTracker:
             prior = ScalePrior(-half, half, _DEPTHS * reach, told=False, sigma=math.inf)
             searchers = setup.searchers(database, with_mirror_image(camera), prior)
             self._rungs.append((_expected(database, camera), searchers))
+        self.solve(np.zeros((0, 2)))  # compiles the path, which would take a frame's time
 
     def solve(
         self,

@@ -67,7 +67,7 @@ class StarTracker:
             searchers[:n_asked], searchers[n_asked:], setup.limits, fallback=candidates,
             primary=self._primary,
         )
-        self.solve(np.zeros((0, 2)))  # compiles what nearly every frame needs
+        self.solve(np.zeros((0, 2)))  # compiles the path, which would take a frame's time
 
     def solve(
         self,

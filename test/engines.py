@@ -1,5 +1,6 @@
 """Engines, frames and poses of tiny skies: what the tests of compiled steps work with."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -10,15 +11,15 @@ from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.compiled import compiled
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import unit_vectors
-from star_tracker.identification import verbs
 from star_tracker.identification.brightness import brightness, how_usual
 from star_tracker.identification.cells import MatchGroupSettings
-from star_tracker.identification.ended import Ended
 from star_tracker.identification.engine import Pairs
 from star_tracker.identification.evidence import EXACT, strongest
+from star_tracker.identification.fallback import Candidate
 from star_tracker.identification.judge import associate, look_up
-from star_tracker.identification.labels import LABEL, Identification
+from star_tracker.identification.labels import Identification, blank_labels
 from star_tracker.identification.search import Limits
+from star_tracker.identification.searcher import Task
 from star_tracker.identification.setup import Setup
 from star_tracker.maps.simulation import visible_stars
 from star_tracker.optics.camera import Camera
@@ -170,7 +171,7 @@ def _parts(engine):
 
 @compiled
 def match_lists(matches):
-    return matches.observed, matches.catalog, matches.residual2
+    return matches.observed, matches.catalog, matches.listed, matches.residual2
 
 
 class Judged(NamedTuple):
@@ -205,10 +206,14 @@ class Bench:
         """Take a frame in."""
         xy = np.ascontiguousarray(xy_px, float)
         self.n_rows = len(xy)
-        ended = verbs.begin(
-            self.engine, xy, NONE if intensity is None else np.array(intensity, float)
-        )
-        return Ended(ended)
+        self.searcher.begin(self.task_of(xy, intensity))
+        return self.searcher.ended
+
+    def task_of(self, xy, intensity=None):
+        """A frame for the searcher, which has all the time that it wants."""
+        given = NONE if intensity is None else np.array(intensity, float)
+        self.task = Task(xy, given, blank_labels(len(xy)), 0.0, math.inf)
+        return self.task
 
     @property
     def centroids(self):
@@ -223,7 +228,7 @@ class Bench:
         pose = pose_of(np.ascontiguousarray(rotation), 1.0, False)
         n_near = look_up(self.sky, pose, 2 * gate_px, self.matches)
         k, inside = associate(self.sky, self.frame, pose, gate_px, n_near, self.matches)
-        observed, catalog, listed2 = (array[:k] for array in match_lists(self.matches))
+        observed, catalog, _, listed2 = (array[:k] for array in match_lists(self.matches))
         assert np.all(np.diff(listed2) >= 0)
         row = self.centroids.row[observed]
         guide, residual2 = np.full(self.n_rows, -1), np.full(self.n_rows, np.nan)
@@ -232,9 +237,8 @@ class Bench:
 
     def judge(self, rows, stars, tolerance_px=2.0):
         """Judge the hypothesis that these rows of the input are these guide stars."""
-        verbs.judge_match(
-            self.engine, self.places(rows), np.asarray(stars, np.int64), tolerance_px
-        )
+        match = Candidate(self.places(rows), np.asarray(stars), tolerance_px)
+        self.searcher.judge(self.task, match)
         rotation, scale, _ = pose_parts(self.best)
         return Judged(self.searcher.score, rotation.copy(), scale)
 
@@ -245,7 +249,7 @@ class Bench:
         residual2 = np.asarray(residual2, float)
         order = np.argsort(residual2, kind="stable")
         k = len(order)
-        observed, _, listed2 = match_lists(self.matches)
+        observed, _, _, listed2 = match_lists(self.matches)
         observed[:k], listed2[:k] = self.places(rows)[order], residual2[order]
         return strongest(self.sky, self.frame, pose, self.matches, (k, n_inside))
 
@@ -254,12 +258,11 @@ class Bench:
 
         Returns the identification and the rotation fitted.
         """
-        labels = np.empty(self.n_rows, LABEL)
-        verbs.blank(labels)
+        self.task.labels = labels = blank_labels(self.n_rows)
         if rotation is not None:
             self.results.rotation[:] = rotation
             self.results.progress["tolerance_px"] = tolerance_px
-        verbs.label_best(self.engine, labels)
+        self.searcher.label(self.task)
         return identification_of(labels), self.results.rotation.copy()
 
 

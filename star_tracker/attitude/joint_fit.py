@@ -32,8 +32,8 @@ def refine_scaled(
 
     Args:
         camera: (n, 3) unit vectors in the camera, for the pose's scale.
-        icrs: (m, 3) unit vectors of the guide stars.
-        matches: the first `k` of `observed` and `catalog` count.
+        icrs: (m, 3) unit vectors of guide stars.
+        matches: the first `k` of `observed` and `listed`, places in `icrs`, count.
         k: how many.
         pose: rotation and scale, improved in place.
         prior: information about log f about 0, in the units of e; 0 = nothing is known.
@@ -42,7 +42,7 @@ def refine_scaled(
     gx = gy = gz = gs = 0.0
     r = pose.rotation
     for i in range(k):
-        u, v = camera[matches.observed[i]], icrs[matches.catalog[i]]
+        u, v = camera[matches.observed[i]], icrs[matches.listed[i]]
         wx = r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2]
         wy = r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2]
         wz = r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2]

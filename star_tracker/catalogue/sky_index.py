@@ -44,11 +44,13 @@ class SkyIndex(NamedTuple):
 
 @compiled
 def stars_near(
-    index: SkyIndex, direction: Floats, reach_rad: float, found: NDArray[np.int64]
+    index: SkyIndex, direction: Floats, reach_rad: float, found: NDArray[np.int64],
+    vectors: Floats,
 ) -> int:
-    """Write the stars within `reach_rad` of a unit vector (3,) to `found`; return their number.
+    """Find the stars within `reach_rad` of a unit vector (3,); return their number.
 
-    `found` must have room for all guide stars.
+    Writes their catalogue indices to `found` and their unit vectors to `vectors`, which must have
+    room for all guide stars.
     """
     x, y, z = direction[0], direction[1], direction[2]
     dec = np.arctan2(z, np.hypot(x, y))
@@ -77,6 +79,7 @@ def stars_near(
                 v = index.sorted_vectors[at]
                 if v[0] * x + v[1] * y + v[2] * z > cos_reach:
                     found[n] = index.star[at]
+                    vectors[n, 0], vectors[n, 1], vectors[n, 2] = v[0], v[1], v[2]
                     n += 1
                 at += 1
     return n

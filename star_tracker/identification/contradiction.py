@@ -36,7 +36,7 @@ def fit_focal_length(engine: Any, labels: NDArray[np.void], k: int, sum2: float)
     copy_pose(best, trial)
     freed = sum2
     for step in range(_STEPS):
-        refine_scaled(frame.vectors, sky.guides.vectors, matches, k, trial, 0.0)
+        refine_scaled(frame.vectors, matches.near_vectors, matches, k, trial, 0.0)
         freed = measure(sky, frame, trial, k, matches)
         ratio = 0.5 * (2 * k - 3) * np.log(max(sum2, 1e-300) / max(freed, 1e-300))
         if step == 0 and (ratio < 0.5 * _CONTRADICTS or abs(np.log(trial.scale)) < _LEAST):

@@ -31,12 +31,13 @@ ScratchType, Scratch = struct("Scratch", __name__, ("votes", "room", "matches", 
 #: - votes, room, matches, fan: scratch memory;
 #: - frame, crowd: the centroids, and where they crowd;
 #: - progress: (1,) of `search.PROGRESS`;
+#: - proposed: (2, n) int64, matches that another matcher proposes: centroids, then guide stars;
 #: - best: the best pose so far, its rotation an array that Python reads too;
 #: - outcome: (1,) of `OUTCOME`;
 #: - quaternion, covariance: (4,) and (3, 3) of the attitude of a labelled frame.
 EngineType, Engine = struct("Engine", __name__, (
     "sky", "pairs", "triangles", "levels", "limits", "votes", "room", "matches", "fan", "frame",
-    "crowd", "progress", "best", "outcome", "quaternion", "covariance",
+    "crowd", "progress", "proposed", "best", "outcome", "quaternion", "covariance",
 ))
 
 #: What became of a frame. `n_usable` centroids are finite and in the image; the rest is that of a
@@ -61,9 +62,10 @@ class Sizes(NamedTuple):
 
 
 class Results(NamedTuple):
-    """The arrays in which Python finds what an engine has found; see `Engine`."""
+    """The arrays that an engine and Python both read and write; see `Engine`."""
 
     progress: NDArray[np.void]
+    proposed: NDArray[np.int64]
     vectors: Floats
     rotation: Floats
     outcome: NDArray[np.void]
@@ -73,9 +75,11 @@ class Results(NamedTuple):
     @classmethod
     def blank(cls, n_centroids: int) -> "Results":
         """Return results of nothing, with room for so many centroids."""
+        progress = np.zeros(1, PROGRESS)
+        progress["stop_s"] = np.inf
         return cls(
-            np.zeros(1, PROGRESS), np.empty((n_centroids, 3)), np.eye(3), np.zeros(1, OUTCOME),
-            np.zeros(4), np.zeros((3, 3)),
+            progress, np.empty((2, n_centroids), np.int64), np.empty((n_centroids, 3)),
+            np.eye(3), np.zeros(1, OUTCOME), np.zeros(4), np.zeros((3, 3)),
         )
 
 
@@ -112,6 +116,6 @@ def make_engine(
         sky, pairs, triangles, levels, limits,
         scratch.votes, scratch.room, scratch.matches, scratch.fan,
         empty_frame(results.vectors), no_crowd(),
-        results.progress, Pose(results.rotation, 1.0, False),
+        results.progress, results.proposed, Pose(results.rotation, 1.0, False),
         results.outcome, results.quaternion, results.covariance,
     )

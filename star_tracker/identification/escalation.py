@@ -183,7 +183,7 @@ class Escalation:
                 if step is None:
                     continue
                 one, (n_compared[at], candidate) = self._asked[at], step
-                if candidate is not None and one.judge(candidate):
+                if candidate is not None and one.judge(task, candidate):
                     return sum(n_compared)
                 if time.perf_counter() > task.deadline_s:
                     one.ended = Ended.MORE

@@ -60,13 +60,15 @@ SkyType, Sky = struct("Sky", __name__, View._fields)
 
 #: Room for one hypothesis, what it predicts and what is matched:
 #:
-#: - near: (g,) catalogue indices of the guide stars in and around the image;
+#: - near, near_vectors: (g,) and (g, 3) catalogue indices and unit vectors of the guide stars in
+#:   and around the image, side by side in memory, where the catalogue's own lie far apart;
 #: - place: (g, 3) where a pose puts them: undistorted image coordinates, px, and how far outside
 #:   of the image that is;
 #: - guide_star: (g,) the nearest centroid of each, -1 = none within the gate;
 #: - star_guide: (n,) the nearest guide star of each centroid, as a place in `near`, -1 = none;
 #: - star_residual2: (n,) its squared distance, px^2;
-#: - observed, catalog: (n,) the matches, indices into the frame and the catalogue;
+#: - observed, catalog: (n,) the matches, indices into the frame and the catalogue, and listed: the
+#:   guide stars' places in `near`;
 #: - residual2: (n,) their squared distances, px^2, ascending;
 #: - trial: a pose;
 #: - n_best: how many matches carry the evidence of the pose judged last, and n_in_view: of so many
@@ -74,8 +76,9 @@ SkyType, Sky = struct("Sky", __name__, View._fields)
 #: - n_settled: the same if that pose was fitted to the very matches listed, else 0;
 #: - n_matched, n_near: then, how many matches are listed and how many guide stars are near.
 MatchesType, Matches = struct("Matches", __name__, (
-    "near", "place", "guide_star", "star_guide", "star_residual2", "observed", "catalog",
-    "residual2", "trial", "n_best", "n_in_view", "n_settled", "n_matched", "n_near",
+    "near", "near_vectors", "place", "guide_star", "star_guide", "star_residual2", "observed",
+    "catalog", "listed", "residual2", "trial", "n_best", "n_in_view", "n_settled", "n_matched",
+    "n_near",
 ))
 
 
@@ -83,8 +86,9 @@ MatchesType, Matches = struct("Matches", __name__, (
 def empty_matches(n_guides: int, n_centroids: int) -> Any:
     """Return room for a hypothesis about so many guide stars and centroids."""
     return Matches(
-        np.empty(n_guides, np.int64), np.empty((n_guides, 3)), np.empty(n_guides, np.int64),
-        np.empty(n_centroids, np.int64), np.empty(n_centroids), np.empty(n_centroids, np.int64),
+        np.empty(n_guides, np.int64), np.empty((n_guides, 3)), np.empty((n_guides, 3)),
+        np.empty(n_guides, np.int64), np.empty(n_centroids, np.int64), np.empty(n_centroids),
+        np.empty(n_centroids, np.int64), np.empty(n_centroids, np.int64),
         np.empty(n_centroids, np.int64), np.empty(n_centroids), identity_pose(), 0, 0, 0, 0, 0,
     )
 
@@ -96,7 +100,9 @@ def look_up(sky: Any, pose: Any, margin_px: float, matches: Any) -> int:
     if pose.scale != 1.0:
         radius = np.arctan(np.tan(radius) / pose.scale)
     reach = min(radius + margin_px / (sky.focal_px * pose.scale), _FARTHEST_RAD)
-    return stars_near(sky.guides, pose.rotation[:, 2], reach, matches.near)
+    return stars_near(
+        sky.guides, pose.rotation[:, 2], reach, matches.near, matches.near_vectors
+    )
 
 
 @compiled
@@ -132,10 +138,10 @@ def associate(
 @compiled
 def project(sky: Any, pose: Any, n_near: int, matches: Any) -> None:
     """Write the places of the guide stars near the image of a pose."""
-    r, place, near, vectors = pose.rotation, matches.place, matches.near, sky.guides.vectors
+    r, place, vectors = pose.rotation, matches.place, matches.near_vectors
     focal_px, scale = sky.focal_px, pose.scale
     for g in range(n_near):
-        v = vectors[near[g]]
+        v = vectors[g]
         z = r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2]
         place[g, 0] = (r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2]) / z * scale
         place[g, 1] = (r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2]) / z * scale
@@ -163,7 +169,7 @@ def nearest_centroid(frame: Any, x: float, y: float, gate_px: float) -> tuple[in
 def _mutual(n: int, matches: Any) -> int:
     """List the pairs that are each other's nearest, by residual; return their number."""
     guide_star, star_guide = matches.guide_star, matches.star_guide
-    observed, catalog, listed2 = matches.observed, matches.catalog, matches.residual2
+    observed, listed, listed2 = matches.observed, matches.listed, matches.residual2
     k = 0
     for star in range(n):
         guide = star_guide[star]
@@ -171,12 +177,13 @@ def _mutual(n: int, matches: Any) -> int:
             continue
         residual2, at = matches.star_residual2[star], k
         while at > 0 and listed2[at - 1] > residual2:
-            observed[at], catalog[at] = observed[at - 1], catalog[at - 1]
+            observed[at], listed[at] = observed[at - 1], listed[at - 1]
             listed2[at] = listed2[at - 1]
             at -= 1
-        observed[at], listed2[at] = star, residual2
-        catalog[at] = matches.near[guide]
+        observed[at], listed[at], listed2[at] = star, guide, residual2
         k += 1
+    for at in range(k):
+        matches.catalog[at] = matches.near[listed[at]]
     return k
 
 
@@ -243,8 +250,8 @@ def refine_pose(sky: Any, frame: Any, matches: Any, k: int, pose: Any) -> None:
     if pose.free:
         e, sigma = sky.evidence, sky.focal_px * sky.scale_prior.sigma
         prior = e.scale_px2 / e.freedom / (sigma * sigma)
-        refine_scaled(frame.vectors, sky.guides.vectors, matches, k, pose, prior)
+        refine_scaled(frame.vectors, matches.near_vectors, matches, k, pose, prior)
         return
     refine(
-        frame.vectors, matches.observed, sky.guides.vectors, matches.catalog, k, pose.rotation
+        frame.vectors, matches.observed, matches.near_vectors, matches.listed, k, pose.rotation
     )

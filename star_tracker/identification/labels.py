@@ -75,6 +75,13 @@ LABEL = np.dtype([
 ], align=True)
 
 
+def blank_labels(n: int) -> NDArray[np.void]:
+    """Return `n` rows of `LABEL` in which nothing is identified."""
+    labels = np.zeros(n, LABEL)  # UNIDENTIFIED is 0
+    labels["catalog_index"], labels["residual_px"] = -1, np.nan
+    return labels
+
+
 @compiled
 def label_frame(engine: Any, labels: NDArray[np.void]) -> tuple[int, float]:
     """Label the centroids and fit the best pose to the identified ones.
@@ -152,9 +159,9 @@ def _settle(sky: Any, frame: Any, gate_px: float, pose: Any, matches: Any) -> tu
 def measure(sky: Any, frame: Any, pose: Any, k: int, matches: Any) -> float:
     """Write the squared residuals of the first `k` matches for a pose; return their sum."""
     sum2 = 0.0
-    r, vectors, focal_px = pose.rotation, sky.guides.vectors, sky.focal_px * pose.scale
+    r, vectors, focal_px = pose.rotation, matches.near_vectors, sky.focal_px * pose.scale
     for i in range(k):
-        v = vectors[matches.catalog[i]]
+        v = vectors[matches.listed[i]]
         place = frame.plane_px[matches.observed[i]]
         scale = focal_px / (r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2])
         dx = (r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2]) * scale - place[0]

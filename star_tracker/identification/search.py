@@ -48,14 +48,15 @@ _WORK_OF_A_RUN, _WORK_OF_A_LOOK, _WORK_OF_JUDGING = 10.0, 200.0, 2000.0
 #: How far a search has come, and the best that it has found: one record, which Python reads too.
 #: `n_hypotheses` pairs were compared with pairs, `n_since_best` candidates judged since the best
 #: pose was found, which `n_matched` matches carry, of `n_in_view` guide stars; `score` and
-#: `rival_score` are the log10 evidence of the best pose and of the best other pose. At `stop_s` of
-#: `time.monotonic` the search makes way.
+#: `rival_score` are the log10 evidence of the best pose and of the best other pose. Python writes
+#: the last three: at `stop_s` of `time.monotonic` the search makes way; `n_proposed` matches stand
+#: in `engine.proposed`, with the tolerance with which they were found.
 PROGRESS = np.dtype([
     ("level", np.int64), ("next_main", np.int64), ("n_hypotheses", np.int64),
     ("n_judged", np.int64), ("n_since_best", np.int64), ("n_matched", np.int64),
     ("n_in_view", np.int64),
     ("score", np.float64), ("rival_score", np.float64), ("tolerance_px", np.float64),
-    ("stop_s", np.float64),
+    ("stop_s", np.float64), ("n_proposed", np.int64), ("proposed_tolerance_px", np.float64),
 ])
 
 
@@ -86,7 +87,7 @@ def forget(progress: Any) -> None:
     progress.level = progress.next_main = progress.n_hypotheses = progress.n_judged = 0
     progress.n_since_best = progress.n_matched = progress.n_in_view = 0
     progress.score = progress.rival_score = -np.inf
-    progress.tolerance_px, progress.stop_s = 0.0, np.inf
+    progress.tolerance_px = 0.0
 
 
 @compiled

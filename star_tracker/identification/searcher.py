@@ -10,19 +10,21 @@ from numpy.typing import NDArray
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification import verbs
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.engine import Results
 from star_tracker.identification.fallback import Candidate, StarField
-from star_tracker.identification.labels import LABEL
+from star_tracker.identification.labels import blank_labels
+from star_tracker.identification.verbs import Verb, act
 from star_tracker.optics.camera import Camera
 
 #: How a solution was come by: with no prior knowledge, or from a predicted attitude.
 LOST_IN_SPACE, TRACKING = MODES = ("lost_in_space", "tracking")
 #: The matchers, the primary first.
 METHODS = ("match_group", "radial_cyclic")
-#: By value: a tenth of the time of `Ended(value)`.
+#: By value: a tenth of the time of `Ended(value)`. And verbs as the numbers that they are, as
+#: numba takes long over members of an enum.
 _ENDED = tuple(Ended)
+_FOLLOW, _BEGIN, _GO_ON, _TRACK, _JUDGE_MATCH, _LABEL_BEST = (verb.value for verb in Verb)
 
 
 class Sample(NamedTuple):
@@ -78,8 +80,7 @@ class Task:
         """Labels (n_given,), blank for centroids that are not searched."""
         if self.sample is None:
             return self.labels
-        labels = np.empty(self.n_given, LABEL)
-        verbs.blank(labels)
+        labels = blank_labels(self.n_given)
         labels[self.sample.rows] = self.labels
         return labels
 
@@ -107,8 +108,8 @@ class Searcher:
     """
 
     __slots__ = (
-        "_engine", "_progress", "camera", "catalog", "ended", "method", "mode", "results",
-        "scale_is_told",
+        "_engine", "_progress", "_stop_s", "camera", "catalog", "ended", "method", "mode",
+        "results", "scale_is_told",
     )
 
     def __init__(
@@ -118,6 +119,7 @@ class Searcher:
         self.scale_is_told = scale_is_told
         self.camera, self.catalog, self._engine, self.results = camera, catalog, engine, results
         self._progress = results.progress[0]  # the record itself, not a copy of it
+        self._stop_s = math.inf
         self.ended, self.method, self.mode = Ended.MORE, METHODS[0], LOST_IN_SPACE
 
     def follow(self, task: Task, stop_s: float = math.inf) -> None:
@@ -126,47 +128,49 @@ class Searcher:
         It takes the search until a `time.perf_counter` at the most.
         """
         self.method, self.mode = METHODS[0], LOST_IN_SPACE
-        if stop_s < math.inf:
-            verbs.blank(task.labels)
-            self.begin(task)
-            if self.ended == Ended.MORE:
-                self.stop_at(stop_s)
-                self.go_on(task)
-            return
-        self.ended = _ENDED[verbs.follow(self._engine, task.xy_px, task.intensity, task.labels)]
+        self.stop_at(stop_s)
+        self.ended = self._done(_FOLLOW, task)
 
     def begin(self, task: Task) -> None:
         """Take a frame in without searching it."""
-        self.ended = _ENDED[verbs.begin(self._engine, task.xy_px, task.intensity)]
+        self.ended = self._done(_BEGIN, task)
 
     def track(self, task: Task, rotation: Floats) -> None:
         """Begin a frame with a predicted rotation (3, 3) and label it where that solves it."""
         self.method, self.mode = METHODS[0], TRACKING
         self.results.rotation[:] = rotation
-        self.ended = _ENDED[verbs.track(self._engine, task.xy_px, task.intensity, task.labels)]
+        self.ended = self._done(_TRACK, task)
 
     def go_on(self, task: Task) -> None:
         """Search on for a while, and label the frame where that solves it."""
-        self.ended = _ENDED[verbs.go_on(self._engine, task.labels)]
+        self.ended = self._done(_GO_ON, task)
 
     def stop_at(self, stop_s: float) -> None:
         """Go on until a `time.perf_counter` at the most; holds until the next frame."""
-        left_s = stop_s - time.perf_counter()
-        self._progress["stop_s"] = time.monotonic() + left_s
+        if stop_s == self._stop_s:
+            return
+        self._stop_s = stop_s
+        self._progress["stop_s"] = time.monotonic() + (stop_s - time.perf_counter())
 
-    def judge(self, candidate: Candidate) -> bool:
+    def judge(self, task: Task, candidate: Candidate) -> bool:
         """Judge a candidate of the fallback; return whether it is certain."""
-        before = self.score
-        ended = verbs.judge_match(
-            self._engine, candidate.observed, candidate.catalog, candidate.tolerance_px
-        )
+        before, progress, k = self.score, self._progress, len(candidate.observed)
+        self.results.proposed[0, :k] = candidate.observed
+        self.results.proposed[1, :k] = candidate.catalog
+        progress["n_proposed"] = k
+        progress["proposed_tolerance_px"] = candidate.tolerance_px
+        found = self._done(_JUDGE_MATCH, task)
         if self.score > before:
             self.method = METHODS[1]
-        return bool(ended == Ended.CERTAIN)
+        return found == Ended.CERTAIN
 
     def label(self, task: Task) -> None:
         """Label the frame with the best pose: SOLVED, or CERTAIN where that tells no parity."""
-        self.ended = Ended(verbs.label_best(self._engine, task.labels))
+        self.ended = self._done(_LABEL_BEST, task)
+
+    def _done(self, verb: int, task: Task) -> Ended:
+        """Have the engine do something with a frame; return how that ended."""
+        return _ENDED[act(self._engine, verb, (task.xy_px, task.intensity), task.labels)]
 
     def field(self) -> StarField:
         """Return the frame's stars for the fallback; they hold until the next frame."""

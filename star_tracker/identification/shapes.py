@@ -29,6 +29,7 @@ from star_tracker.identification.votes import (
     ROLL_BINS,
     ROLL_BITS,
     angle_in_image,
+    count_waiting,
     nearest,
     vote_rows,
 )
@@ -88,6 +89,7 @@ def cast_by_shape(engine: Any, threshold: int) -> None:
     first, last, units = fan.first, fan.last, fan.units
     for run in range(fan.n_runs):
         vote_rows(main_azimuth, votes, (first[run], last[run]), units[run], threshold)
+    count_waiting(votes, threshold)
 
 
 @compiled

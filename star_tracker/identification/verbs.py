@@ -3,8 +3,13 @@
 `begin` takes the centroids in, `go_on` searches, `judge_match` and `judge_pose` try what others
 propose, and `label` names the stars and fits the attitude. `follow` and `track` are these in a
 row, one call from Python for nearly every frame.
+
+Python calls `act` alone. All machine code is behind that one door, so that it is compiled once and
+not with each verb again, and a process that has called it has nothing left to load or to compile
+while a frame waits.
 """
 
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -43,6 +48,42 @@ _TRACKING_PX = 12.0
 _MIRROR_GATE = 5.0
 
 
+class Verb(IntEnum):
+    """What an engine is to do; see the functions of these names."""
+
+    FOLLOW = 0
+    BEGIN = 1
+    GO_ON = 2
+    TRACK = 3
+    JUDGE_MATCH = 4
+    LABEL_BEST = 5
+
+
+@compiled
+def act(
+    engine: Any, verb: int, given: tuple[Floats, Floats], labels: NDArray[np.void]
+) -> int:
+    """Do what a `Verb` says with a frame; return how that ended.
+
+    Args:
+        engine: made for the camera.
+        verb: its value.
+        given: centroids (m, 2) and intensities (m,) or (0,); those that begin a frame read them.
+        labels: (m,) of `labels.LABEL`; those that solve it write them.
+    """
+    if verb == Verb.FOLLOW:
+        return follow(engine, given[0], given[1], labels)
+    if verb == Verb.BEGIN:
+        return begin(engine, given[0], given[1])
+    if verb == Verb.GO_ON:
+        return go_on(engine, labels)
+    if verb == Verb.TRACK:
+        return track(engine, given[0], given[1], labels)
+    if verb == Verb.JUDGE_MATCH:
+        return judge_match(engine)
+    return label_best(engine, labels)
+
+
 @compiled
 def begin(engine: Any, xy_px: Floats, intensity: Floats) -> int:
     """Take in centroids (m, 2) and intensities (m,) or (0,); MORE or TOO_FEW."""
@@ -67,21 +108,20 @@ def go_on(engine: Any, labels: NDArray[np.void]) -> int:
 
 
 @compiled
-def judge_match(
-    engine: Any, observed: NDArray[np.int64], catalog: NDArray[np.int64], tolerance_px: float
-) -> int:
-    """Judge the pose of matched centroids (k,) and guide stars (k,); CERTAIN or MORE.
+def judge_match(engine: Any) -> int:
+    """Judge the pose of the proposed matches of centroids and guide stars; CERTAIN or MORE.
 
     Matches that lie on one line of sight are no hypothesis and are passed over. A figure that
     tells no parity is not certain where that is asked for.
     """
-    pose, vectors = engine.room.pose, engine.frame.vectors
+    pose, vectors, progress = engine.room.pose, engine.frame.vectors, engine.progress[0]
+    observed, catalog, k = engine.proposed[0], engine.proposed[1], progress.n_proposed
     see_at_scale(engine.frame, engine.sky.focal_px, 1.0)
     pose.scale, pose.free = 1.0, False
     sky_vectors = engine.sky.guides.vectors
-    if not solve_wahba(vectors, observed, sky_vectors, catalog, len(observed), pose.rotation):
+    if not solve_wahba(vectors, observed, sky_vectors, catalog, k, pose.rotation):
         return Ended.MORE
-    score = judge_and_keep(engine, pose, tolerance_px)
+    score = judge_and_keep(engine, pose, progress.proposed_tolerance_px)
     if score <= engine.limits.certain or _tells_no_parity(engine, engine.matches.n_best, 0.0):
         return Ended.MORE
     return Ended.CERTAIN

@@ -29,24 +29,28 @@ _TWO_BINS = np.uint64(3)
 #: So many cells that reach the threshold are remembered; so many are expected to by chance.
 _REMEMBERED = 1024
 _BY_CHANCE = 150.0
+#: Votes are counted so many at a time.
+_WAITING = 256
 #: Votes of one main star are bounded, but so many companions vote in any case.
 _MOST_VOTES, _FEWEST_COMPANIONS = 100_000, 3
 
 
 #: The votes for one main star; made once and used again for each:
 #:
+#: - waiting, n_waiting: (w,) cells of votes that are not counted yet, and how many;
 #: - low, high: (n, 2) and (n, 6) uint64, the digits of each guide star's 64 counts; all 0 between
 #:   main stars;
-#: - carried, n_carried: (r,) the stars that have digits in `high`, and how many; not all are
-#:   remembered;
+#: - touched, n_touched: (r,) the stars that have votes, and how many; not all are remembered where
+#:   `n_touched` is larger;
+#: - carried, n_carried: the same of those that have digits in `high`;
 #: - reached, n_reached: (r,) cells that reached the threshold, in that order, and how many;
 #: - companion: (c,) the main star's nearest companions in the frame;
 #: - separation: (c,) their separation from it, rad;
 #: - azimuth: (c,) their position angle about it, in units;
 #: - first, last: (c,) first and one-past-last row of the guide-star pairs of that separation.
 VotesType, Votes = struct("Votes", __name__, (
-    "low", "high", "carried", "n_carried", "reached", "n_reached",
-    "companion", "separation", "azimuth", "first", "last",
+    "waiting", "n_waiting", "low", "high", "touched", "n_touched", "carried", "n_carried",
+    "reached", "n_reached", "companion", "separation", "azimuth", "first", "last",
 ))
 
 
@@ -54,8 +58,10 @@ VotesType, Votes = struct("Votes", __name__, (
 def empty_votes(n_stars: int, n_companions: int) -> Any:
     """Return what `look_around` and `cast` fill, for a catalogue of so many guide stars."""
     return Votes(
+        np.empty(_WAITING, np.int64), 0,
         np.zeros((n_stars, _LOW_WORDS), np.uint64), np.zeros((n_stars, _HIGH_WORDS), np.uint64),
         np.empty(_REMEMBERED, np.int64), 0, np.empty(_REMEMBERED, np.int64), 0,
+        np.empty(_REMEMBERED, np.int64), 0,
         np.empty(n_companions, np.int64), np.empty(n_companions),
         np.empty(n_companions, np.int64), np.empty(n_companions, np.int64),
         np.empty(n_companions, np.int64),
@@ -143,20 +149,46 @@ def cast(pairs: Any, votes: Any, n_companions: int, threshold: int) -> None:
     for i in range(n_companions):
         rows = votes.first[i], votes.last[i]
         vote_rows(main_azimuth, votes, rows, votes.azimuth[i], threshold)
+    count_waiting(votes, threshold)
 
 
 @compiled
 def vote_rows(
     main_azimuth: Any, votes: Any, rows: tuple[int, int], azimuth: int, threshold: int
 ) -> None:
-    """Let rows first to last vote for their guide star at the roll that takes `azimuth` there."""
-    none, low, high = np.uint64(0), votes.low, votes.high
+    """Let rows first to last vote for their guide star at the roll that takes `azimuth` there.
+
+    The votes wait until many are there, or `count_waiting` is called: rows lie far apart in
+    memory, and so many are on their way at once.
+    """
+    waiting, n = votes.waiting, votes.n_waiting
     for row in range(rows[0], rows[1]):
+        if n == _WAITING:
+            votes.n_waiting = n
+            count_waiting(votes, threshold)
+            n = 0
         coded = main_azimuth[row]
-        star = np.uint64(coded >> AZIMUTH_BITS)
-        roll = np.uint64(((coded - azimuth) & (AZIMUTH_UNITS - 1)) >> ROLL_SHIFT)
+        roll = ((coded - azimuth) & (AZIMUTH_UNITS - 1)) >> ROLL_SHIFT
+        waiting[n] = ((coded >> AZIMUTH_BITS) << ROLL_BITS) | roll
+        n += 1
+    votes.n_waiting = n
+
+
+@compiled
+def count_waiting(votes: Any, threshold: int) -> None:
+    """Count the votes that wait; cells that reach the threshold join `reached`."""
+    none, low, high, touched = np.uint64(0), votes.low, votes.high, votes.touched
+    n_touched, n_waiting, waiting = votes.n_touched, votes.n_waiting, votes.waiting
+    votes.n_waiting = 0
+    if n_touched + n_waiting > _REMEMBERED:  # too many to remember: see `clear`
+        n_touched = _REMEMBERED + 1
+    for i in range(n_waiting):
+        star, roll = waiting[i] >> ROLL_BITS, np.uint64(waiting[i] & (ROLL_BINS - 1))
         bins = (_TWO_BINS << roll) | (_TWO_BINS >> ((_BITS - roll) & _LAST_BIN))  # rotated
         ones, twos = low[star, 0], low[star, 1]
+        if n_touched <= _REMEMBERED and ones | twos == none:
+            touched[n_touched] = star
+            n_touched += 1
         carry = ones & bins
         ones, fours, twos = ones ^ bins, twos & carry, twos ^ carry
         low[star, 0], low[star, 1] = ones, twos
@@ -173,7 +205,8 @@ def vote_rows(
                 | high[star, 4] | high[star, 5]
             )
         if hit != none:
-            _note(votes, np.int64(star), np.int64(roll), threshold)
+            _note(votes, star, waiting[i] & (ROLL_BINS - 1), threshold)
+    votes.n_touched = n_touched
 
 
 @compiled
@@ -214,16 +247,22 @@ def count_of(votes: Any, cell: int) -> int:
 
 @compiled
 def clear(votes: Any) -> None:
-    """Take back all votes."""
-    votes.low[:] = np.uint64(0)
-    if votes.n_carried > _REMEMBERED:
-        votes.high[:] = np.uint64(0)
+    """Take back all votes: of a few, which is nearly always, star by star."""
+    none, low, high = np.uint64(0), votes.low, votes.high
+    if votes.n_touched > _REMEMBERED:
+        low[:] = none
     else:
-        high, carried = votes.high, votes.carried
+        touched = votes.touched
+        for i in range(votes.n_touched):
+            low[touched[i], 0] = low[touched[i], 1] = none
+    if votes.n_carried > _REMEMBERED:
+        high[:] = none
+    else:
+        carried = votes.carried
         for i in range(votes.n_carried):
             for digit in range(_HIGH_WORDS):
-                high[carried[i], digit] = np.uint64(0)
-    votes.n_carried = votes.n_reached = 0
+                high[carried[i], digit] = none
+    votes.n_touched = votes.n_carried = votes.n_reached = 0
 
 
 @compiled

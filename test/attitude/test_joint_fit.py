@@ -29,8 +29,8 @@ class Fit:
         self.seen = xy_px + (rng.normal(0, noise_px, xy_px.shape) if noise_px else 0.0)
         self.pose = pose_of(np.ascontiguousarray(start).copy(), start_scale, True)
         self.matches = empty_matches(1, len(xy_px))
-        observed, catalog, _ = match_lists(self.matches)
-        observed[:] = catalog[:] = np.arange(len(xy_px))
+        observed, _, listed, _ = match_lists(self.matches)
+        observed[:] = listed[:] = np.arange(len(xy_px))
 
     def step(self, prior=0.0, k=None):
         _, scale, _ = pose_parts(self.pose)

@@ -16,7 +16,9 @@ def random_stars(n, seed):
 def near(index, direction, reach_rad):
     """The stars in ascending order; none may come twice."""
     found = np.full(len(index.vectors), -1, np.int64)
-    n = stars_near(index, np.ascontiguousarray(direction), reach_rad, found)
+    vectors = np.full(index.vectors.shape, np.nan)
+    n = stars_near(index, np.ascontiguousarray(direction), reach_rad, found, vectors)
+    np.testing.assert_array_equal(vectors[:n], index.vectors[found[:n]])
     np.testing.assert_array_equal(found[n:], -1)
     return np.sort(found[:n]).tolist()
 

@@ -72,7 +72,7 @@ class Scripted:
     def stop_at(self, stop_s):
         pass
 
-    def judge(self, candidate):
+    def judge(self, task, candidate):
         self._bench.step(f"{self._name} judges {candidate}")
         self.score = max(self.score, candidate)
         return candidate > LIMITS.certain

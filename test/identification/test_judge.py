@@ -10,9 +10,8 @@ from star_tracker.attitude.wahba import wahba
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import separation
-from star_tracker.identification import verbs
-from star_tracker.identification.ended import Ended
 from star_tracker.identification.evidence import scale_prior
+from star_tracker.identification.fallback import Candidate
 from star_tracker.maps.simulation import random_rotation, uniform_noise
 from star_tracker.optics.camera import Camera
 from star_tracker.optics.distortion import Distortion
@@ -153,13 +152,12 @@ def test_a_true_hypothesis_is_beyond_doubt_and_gives_the_rotation():
     np.testing.assert_allclose(found.rotation, ROTATION, atol=1e-12)
 
 
-@pytest.mark.parametrize(("n", "ended"), [(10, Ended.CERTAIN), (4, Ended.MORE)])
-def test_the_judge_says_whether_a_match_is_certain(n, ended):
+@pytest.mark.parametrize(("n", "certain"), [(10, True), (4, False)])
+def test_the_judge_says_whether_a_match_is_certain(n, certain):
     """Evidence of 10^8 is; four stars have 10^5 at the most."""
     bench = bench_at(PLACES[:n], PLACES[:n])
-    every = bench.places(range(n))
-    assert verbs.judge_match(bench.engine, every, np.arange(n), 2.0) == ended
-    assert (bench.searcher.score > 8) == (ended == Ended.CERTAIN)
+    found = bench.searcher.judge(bench.task, Candidate(bench.places(range(n)), np.arange(n), 2.0))
+    assert found == certain == (bench.searcher.score > 8)
 
 
 def test_three_matched_stars_bring_in_the_others():
@@ -222,9 +220,7 @@ def test_fewer_than_three_stars_in_place_are_no_hypothesis():
 def test_a_hypothesis_of_one_line_of_sight_is_none(rows):
     bench = bench_at(PLACES, PLACES)
     assert bench.judge(rows, rows).score == -math.inf
-    assert verbs.judge_match(
-        bench.engine, np.array(rows, np.int64), np.array(rows, np.int64), 2.0
-    ) == Ended.MORE
+    assert not bench.searcher.judge(bench.task, Candidate(np.array(rows), np.array(rows), 2.0))
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.7])

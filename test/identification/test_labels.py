@@ -10,7 +10,7 @@ from star_tracker.compiled import compiled
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification import verbs
 from star_tracker.identification.evidence import scale_prior
-from star_tracker.identification.labels import LABEL, Identification, StarState
+from star_tracker.identification.labels import Identification, StarState, blank_labels
 from star_tracker.maps.simulation import random_rotation, uniform_noise
 
 UNIDENTIFIED, IDENTIFIED, DISPLACED = StarState
@@ -245,8 +245,7 @@ def test_labelling_works_at_any_attitude():
 def labels_after_the_judge(bench, label):
     """Judge the frame and label it at once, with what the judge has left, or from the pose."""
     bench.judge(range(4), range(4), 2.0)
-    labels = np.empty(bench.n_rows, LABEL)
-    verbs.blank(labels)
+    labels = blank_labels(bench.n_rows)
     label(bench.engine, labels)
     return identification_of(labels), bench.results.rotation.copy()
 

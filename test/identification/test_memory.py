@@ -6,9 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from engines import CAMERA
+from processes import completed
 from solutions import PATIENT, record
 
-from star_tracker.identification import verbs
+from star_tracker.identification.verbs import act
 from star_tracker.maps.simulation import CONDITIONS, frames, uniform_noise
 from star_tracker.solution import SolveSettings, Status
 from star_tracker.tracker import StarTracker
@@ -106,6 +107,54 @@ def test_no_kind_of_array_is_compiled_for_anew(database, many, other):
     tracker = StarTracker(database, CAMERA, PATIENT)
     intensity = np.linspace(1.0, 2.0, len(many[0]))
     expected = record(tracker.solve(many[0], intensity))
-    before = len(verbs.follow.overloads)
+    before = len(act.overloads)
     assert record(tracker.solve(other(many[0]), other(intensity))) == expected
-    assert len(verbs.follow.overloads) == before
+    assert len(act.overloads) == before
+
+
+
+#: Frames that end in each way, in a process of their own; prints how they ended, and the functions
+#: that were compiled, or loaded from the cache, after the trackers were made.
+FRAMES = """
+import math
+import numpy as np
+from numba.core import event
+from star_tracker import FeatureDatabase, SolveSettings, StarCatalog, StarTracker
+from star_tracker.any_camera import AnyCameraTracker
+from star_tracker.catalogue.ladder import ladder
+from star_tracker.maps.simulation import uniform_noise
+from star_tracker.maps.star_map import paper_maps
+
+def tracker(camera, **options):
+    return StarTracker(database, camera, SolveSettings(deadline_ms=math.inf, **options))
+
+star_map = paper_maps((1,))[0]
+camera, xy = star_map.camera, star_map.xy_px
+noise, crowd = (uniform_noise(camera, n, np.random.default_rng(n)) for n in (12, 60))
+database = FeatureDatabase.build(StarCatalog.paper())
+known, both = tracker(camera), tracker(camera.with_parity("auto"), max_centroids=30)
+fallback = tracker(camera, method="radial_cyclic")
+untold = AnyCameraTracker(ladder((10.0, 14.0), (512, 512)), SolveSettings(deadline_ms=math.inf))
+late = event.RecordingListener()
+event.register("numba:compile", late)
+found = known.solve(xy)
+solutions = [
+    found, known.solve(xy, predicted=found), known.solve(noise), known.solve(noise[:2]),
+    both.solve(xy), both.solve(noise, deadline_ms=1e-6),
+    both.solve(crowd, 1.0 + np.arange(60.0)), fallback.solve(xy), untold.solve(xy),
+]
+print(*(one.status.value for one in solutions))
+print(*(one.data["dispatcher"].py_func.__name__ for _, one in late.buffer if one.is_start))
+"""
+
+
+def test_nothing_is_compiled_while_a_frame_waits():
+    """It would take the frame's time: with an empty cache the first ones were TIMEOUT."""
+    done = completed("-c", FRAMES)
+    assert done.returncode == 0, done.stderr
+    ends, compiled = done.stdout.splitlines()
+    assert ends.split() == [
+        "SOLVED", "SOLVED", "NO_MATCH", "TOO_FEW_STARS", "SOLVED", "TIMEOUT", "NO_MATCH",
+        "SOLVED", "SOLVED",
+    ]
+    assert compiled == ""

@@ -18,12 +18,10 @@ from star_tracker.catalogue.triangles import (
 )
 from star_tracker.compiled import compiled
 from star_tracker.geometry.spherical import position_angle, separation
-from star_tracker.identification import verbs
 from star_tracker.identification.cells import best_cells
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.evidence import ScalePrior, scale_prior
 from star_tracker.identification.fallback import CAMERA_POLE
-from star_tracker.identification.labels import LABEL
 from star_tracker.identification.shapes import (
     cast_by_shape,
     choose_runs,
@@ -253,6 +251,15 @@ def test_fewer_than_two_members_do_not_agree(bench, members):
 # The search
 
 
+def searched(bench, xy):
+    """Search a frame to the end; return how that ended, and the labels."""
+    task = bench.task_of(xy)
+    bench.searcher.follow(task)
+    while bench.searcher.ended == Ended.MORE:
+        bench.searcher.go_on(task)
+    return bench.searcher.ended, task.labels
+
+
 @pytest.mark.parametrize("prior", [scale_prior(10.0), UNTOLD], ids=["10 %", "not told"])
 @pytest.mark.parametrize("scale", [0.93, 1.0, 1.07])
 def test_a_frame_is_solved_at_any_scale_and_the_scale_found(database, prior, scale):
@@ -264,10 +271,7 @@ def test_a_frame_is_solved_at_any_scale_and_the_scale_found(database, prior, sca
         row = np.argsort(bench.centroids.row)
         xy = CAMERA.pixels_of_plane(bench.centroids.plane_px / CAMERA.focal_length_px)[row]
         xy += rng.normal(0, 0.3, xy.shape)
-        labels = np.empty(len(xy), LABEL)
-        ended = verbs.follow(bench.engine, xy, np.empty(0), labels)
-        while ended == Ended.MORE:
-            ended = verbs.go_on(bench.engine, labels)
+        ended, labels = searched(bench, xy)
         assert ended == Ended.SOLVED
         named = labels["state"] == 1
         assert np.count_nonzero(named) >= len(xy) - 1
@@ -285,10 +289,7 @@ def test_noise_is_searched_to_its_end_and_nothing_is_certain(database):
     rng = np.random.default_rng(7)
     for n in (4, 5, 6, 8):
         xy = uniform_noise(CAMERA, n, rng)
-        labels = np.empty(n, LABEL)
-        ended = verbs.follow(bench.engine, xy, np.empty(0), labels)
-        while ended == Ended.MORE:
-            ended = verbs.go_on(bench.engine, labels)
+        ended, labels = searched(bench, xy)
         assert ended == Ended.EXHAUSTED
         assert bench.searcher.score < 3
         assert bench.searcher.n_hypotheses > 0

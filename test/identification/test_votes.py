@@ -23,6 +23,7 @@ from star_tracker.identification.votes import (
     choose_rows,
     clear,
     count_of,
+    count_waiting,
     empty_votes,
     look_around,
     threshold_for,
@@ -133,6 +134,7 @@ def let_vote(table, votes, begin, end, threshold):
     for i in range(begin, end):
         rows = int(votes.first[i]), int(votes.last[i])
         vote_rows(table.main_azimuth, votes, rows, int(votes.azimuth[i]), threshold)
+    count_waiting(votes, threshold)
     return votes.reached[: votes.n_reached].tolist()
 
 
