@@ -1,5 +1,7 @@
 """Bags for tests, and what lies in one."""
 
+import math
+
 from rosbags.highlevel import AnyReader
 
 from star_tracker.bags.reading import Wanted, open_bag
@@ -9,8 +11,16 @@ from star_tracker.bags.writing import new_bag
 from star_tracker.maps.star_map import paper_maps
 from star_tracker.offline.solving import Asked
 from star_tracker.offline.spreading import Spread
+from star_tracker.solution import SolveSettings
 
 HERE = Spread(jobs=1)
+#: A frame may take as long as a busy machine needs.
+PATIENT = SolveSettings(method="match_group", deadline_ms=math.inf)
+
+
+def asked_for(**told):
+    """What a user tells of the camera and the sky, with patience."""
+    return Asked(settings=PATIENT, **told)
 
 
 def maps_bag(path, numbers=(1, 2, 3, 4, 5, 6, 7, 8), storage=None, **recording):
@@ -32,5 +42,5 @@ def raw_messages(path):
 def solved(path, asked=None, spread=HERE, **wanted):
     """Return the results of a bag's frames."""
     with open_bag(path, Wanted(**wanted)) as bag:
-        solver = BagSolver(bag, asked or Asked())
+        solver = BagSolver(bag, asked or asked_for())
         return [result for _, result in solver.results(spread)]

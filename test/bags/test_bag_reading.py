@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from bag_files import HERE, maps_bag, raw_messages, solved
+from bag_files import HERE, asked_for, maps_bag, raw_messages, solved
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
@@ -25,12 +25,11 @@ from star_tracker.msg_adapters.centroids import Centroids
 from star_tracker.msg_adapters.image import compressed_from_picture, picture_from_image
 from star_tracker.msg_adapters.message_class import classes_from, message_class
 from star_tracker.msg_adapters.point_cloud import cloud_from_centroids
-from star_tracker.offline.solving import Asked
 from star_tracker.offline.spreading import Spread
 from star_tracker.optics.camera import Camera
 
 MAP1, MAP2 = paper_maps((1, 2))
-KNOWN_SIZE = Asked(size_px=(512, 512))
+KNOWN_SIZE = asked_for(size_px=(512, 512))
 
 
 def refusal(path, asked=None, **wanted):
@@ -58,10 +57,12 @@ def written(path, *frames, camera=None):
 
 def test_centroids_without_camera_info_are_counted_as_is_told(tmp_path):
     """The boresight is the same for those counted from the middle of the first pixel."""
-    corner = solved(written(tmp_path / "a.mcap", ("/c", MAP1.xy_px, 5)), Asked(camera=MAP1.camera))
+    corner = solved(
+        written(tmp_path / "a.mcap", ("/c", MAP1.xy_px, 5)), asked_for(camera=MAP1.camera)
+    )
     center = solved(
         written(tmp_path / "b.mcap", ("/c", MAP1.xy_px - 0.5, 5)),
-        Asked(camera=MAP1.camera, pixel_origin="center"),
+        asked_for(camera=MAP1.camera, pixel_origin="center"),
     )
     np.testing.assert_allclose(center[0].frame.told_px, MAP1.xy_px - 0.5)
     np.testing.assert_allclose(
@@ -213,8 +214,8 @@ def test_the_camera_that_the_user_tells_goes_before_camera_info(tmp_path):
     wrong = Camera.from_fov(40, 512, 512)
     path = written(tmp_path / "bag", ("/centroids", MAP1.xy_px, 5), camera=wrong)
     assert not solved(path)[0].is_solved
-    assert solved(path, Asked(fov_deg=12.0))[0].is_solved
-    assert solved(path, Asked(camera=MAP1.camera))[0].is_solved
+    assert solved(path, asked_for(fov_deg=12.0))[0].is_solved
+    assert solved(path, asked_for(camera=MAP1.camera))[0].is_solved
 
 
 def test_a_camera_without_calibration_tells_the_size_alone(tmp_path):
@@ -228,7 +229,7 @@ def test_a_camera_without_calibration_tells_the_size_alone(tmp_path):
         writer.write("/camera_info", info, 1)
         writer.write("/stars", cloud_from_centroids(Centroids(MAP1.xy_px), header), 1)
     with open_bag(path, Wanted()) as bag:
-        solver = BagSolver(bag, Asked())
+        solver = BagSolver(bag, asked_for())
         ((_, result),) = solver.results(HERE)
     assert "CameraInfo K is zero" in solver.note
     assert result.is_solved
@@ -247,7 +248,7 @@ def test_independent_frames_are_all_lost_in_space(tmp_path):
         camera=MAP1.camera,
     )
     assert [one.solution.mode for one in solved(path)][1:] == ["tracking"] * 2
-    alone = solved(path, Asked(independent=True))
+    alone = solved(path, asked_for(independent=True))
     assert {one.solution.mode for one in alone} == {"lost_in_space"}
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bag_files import HERE, maps_bag, raw_messages
+from bag_files import HERE, asked_for, maps_bag, raw_messages
 
 pytest.importorskip("rclpy", reason="rclpy is not installed")
 
@@ -29,7 +29,6 @@ from star_tracker.msg_adapters.solution import values_from_diagnostics
 from star_tracker.nodes.centroid_node import CentroidNode
 from star_tracker.nodes.identify.camera_feed import CameraFeed
 from star_tracker.nodes.identify_node import IdentifyNode
-from star_tracker.offline.solving import Asked
 from star_tracker.optics.camera import Camera
 
 KINDS = {
@@ -119,10 +118,9 @@ def test_the_eight_maps_come_out_as_of_identify_node(tmp_path, ending, solver_co
     """Attitudes, covariances, labels and all that is said of a frame, from either storage."""
     path = maps_bag(tmp_path / f"maps.{ending}")
     output = tmp_path / "out.mcap"
-    asked = Asked()
     with open_bag(path, Wanted()) as bag, new_bag(output) as writer:
         declare_topics(writer)
-        for frame, result in BagSolver(bag, asked).results(HERE):
+        for frame, result in BagSolver(bag, asked_for()).results(HERE):
             write_result(writer, frame, result)
     of_bag, sent = messages_of(output), messages_of(path)
     of_node = of_the_node(sent["/centroids"], sent["/camera_info"])

@@ -20,7 +20,8 @@ assert cli.main(["make-bag", f"{folder}/maps.mcap", "--maps", "1,6"]) == 0
 assert cli.main(["make-bag", f"{folder}/images.db3", "--images", "--maps", "1"]) == 0
 for name in ("maps.mcap", "images.db3"):
     assert cli.main(
-        ["solve", "--jobs", "1", f"{folder}/{name}", "--output-bag", f"{folder}/of-{name}"]
+        ["solve", "--jobs", "1", "--deadline-ms", "1e9", f"{folder}/{name}",
+         "--output-bag", f"{folder}/of-{name}"]
     ) == 0
 """
 
