@@ -215,6 +215,9 @@ def main() -> int:
     options = parser.parse_args()
     names = NO_SKY if options.kinds == "no-sky" else options.kinds.split(",")
     kinds = tuple(kind for kind in KINDS if kind in names)
+    unknown = sorted(set(names) - set(kinds))
+    if unknown:
+        parser.error(f"there are no scenes {', '.join(unknown)}: choose from {', '.join(KINDS)}")
     asked = Asked(
         options.threshold, options.deadline_ms, options.method, options.camera, kinds,
         options.parity,

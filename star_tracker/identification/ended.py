@@ -14,6 +14,8 @@ class Ended(IntEnum):
         TOO_FEW: fewer than `MIN_STARS` usable centroids.
         NO_ROTATION: the predicted pose is no rotation.
         AMBIGUOUS: the best pose is good enough, and so is another.
+        CONTRADICTED: the best pose is certain, and most of the stars that make it so are gone
+            once it is fitted to them: the camera is another one.
     """
 
     MORE = 0
@@ -23,6 +25,7 @@ class Ended(IntEnum):
     TOO_FEW = 4
     NO_ROTATION = 5
     AMBIGUOUS = 6
+    CONTRADICTED = 7
 
 
 #: Fewer stars than this fit some guide stars by chance too often to be told apart from truth.

@@ -22,6 +22,10 @@ _PARITY_LEAD = 4.0
 _POSE_LEAD = 1.0
 #: With both matchers, the share of the deadline after which the primary makes way.
 _PRIMARY_SHARE = 0.5
+_CONTRADICTION = (
+    "the stars contradict the camera: correct its field of view and lens, or give the field of "
+    "view a tolerance (fov_tolerance_percent)"
+)
 
 Candidates = Callable[[StarField], Steps]
 
@@ -79,13 +83,15 @@ class Escalation:
         )
         ended, reason = self._weighed(best, task, in_time=in_time)
         if ended == Ended.EXHAUSTED:
-            reason = found
+            reason = reason or found
         elif ended == Ended.MORE:
             reason = f"deadline {task.deadline_ms:g} ms passed, {found}"
         if ended == Ended.SOLVED:
             if best.ended != Ended.SOLVED:
                 best.label(task)
-            if not best.scale_is_told and _n_identified(task) < MIN_STARS_OF_A_SCALE:
+            if best.ended == Ended.CONTRADICTED:
+                ended, reason = Ended.EXHAUSTED, _CONTRADICTION
+            elif not best.scale_is_told and _n_identified(task) < MIN_STARS_OF_A_SCALE:
                 ended, reason = Ended.EXHAUSTED, (
                     f"{_n_identified(task)} stars agree, {MIN_STARS_OF_A_SCALE} are needed where "
                     "the field of view is not known"
@@ -96,10 +102,13 @@ class Escalation:
         """Return how a frame ends that no searcher has solved, and why where its rivals say so."""
         # Found by the fallback, or certain but for the other centroids when the time was up. What
         # is certain and yet not solved fits in a mirror as well.
-        if best.score > self._limits.certain and best.ended != Ended.CERTAIN:
+        lead = best.score - best.rival_score
+        if best.score > self._limits.certain and best.ended != Ended.CERTAIN and lead > _POSE_LEAD:
             best.label(task)
         if best.ended == Ended.SOLVED:
             return Ended.SOLVED, ""
+        if best.ended == Ended.CONTRADICTED:
+            return Ended.EXHAUSTED, _CONTRADICTION
         if not in_time:
             return Ended.MORE, ""
         if best.score > self._limits.enough:

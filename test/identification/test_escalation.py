@@ -276,6 +276,25 @@ def test_a_pose_that_is_certain_is_not_doubted(bench):
     assert bench.done == ["one labels"]
 
 
+@pytest.mark.parametrize(("rival", "ended"), [(7.0, Ended.SOLVED), (7.2, Ended.AMBIGUOUS)])
+def test_a_pose_that_is_certain_has_to_lead_too(bench, rival, ended):
+    """Of a frame that agrees with no pose as a whole two parts may each carry one."""
+    verdict = doubted(bench, 8.1, -math.inf, rival=rival)
+    assert verdict.ended == ended
+
+
+@pytest.mark.parametrize("score", [8.1, 5.0], ids=["certain", "enough"])
+def test_a_pose_that_its_own_stars_contradict_is_none(bench, score):
+    one = bench.searcher("one", (Ended.EXHAUSTED, score)).begun()
+    one.labelled_as = Ended.CONTRADICTED
+    verdict = run(bench, [one], [bench.searcher("mirror", EXHAUSTED, parity="mirrored")])
+    assert verdict.ended == Ended.EXHAUSTED
+    assert verdict.reason == (
+        "the stars contradict the camera: correct its field of view and lens, or give the field "
+        "of view a tolerance (fov_tolerance_percent)"
+    )
+
+
 def test_a_mirror_image_that_is_not_searched_to_the_end_is_a_timeout(bench):
     one = bench.searcher("one", (Ended.EXHAUSTED, 5.0)).begun()
     mirror = bench.searcher("mirror", MORE, parity="mirrored")

@@ -9,6 +9,7 @@ from star_tracker.attitude.wahba import wahba
 from star_tracker.compiled import compiled
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification import verbs
+from star_tracker.identification.ended import Ended
 from star_tracker.identification.evidence import scale_prior
 from star_tracker.identification.labels import Identification, StarState, blank_labels
 from star_tracker.maps.simulation import random_rotation, uniform_noise
@@ -237,6 +238,18 @@ def test_labelling_works_at_any_attitude():
         found, fitted = bench.label()
         np.testing.assert_array_equal(found.catalog_index, np.arange(10))
         assert separation(fitted[:, 2], rotation[:, 2]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("n_matched", "ended"), [(10, Ended.SOLVED), (20, Ended.SOLVED), (21, Ended.CONTRADICTED)]
+)
+def test_a_pose_that_loses_most_of_the_stars_that_carried_it_is_none(n_matched, ended):
+    """Ten stars are identified; so many had the evidence of the pose."""
+    bench = bench_at(PLACES, PLACES)
+    bench.judge(range(4), range(4))
+    bench.results.progress["n_matched"] = n_matched
+    bench.label()
+    assert bench.searcher.ended == ended
 
 
 # After the judge
