@@ -101,7 +101,7 @@ class AnyCameraTracker:
         rungs = sorted(self._rungs, key=lambda rung: abs(math.log((n + 1) / (rung[0] + 1))))
         asked = [one for _, searchers in rungs for one in searchers[: 2 if self._both else 1]]
         mirrors = [] if self._both else [searchers[1] for _, searchers in rungs]
-        asked[0].follow(task)
+        asked[0].follow(task, task.deadline_s)
         if asked[0].ended == Ended.SOLVED:
             return labelled(task, asked[0], asked[0].n_hypotheses)
         return judged(task, Escalation(asked, mirrors, self._limits).run(task))

@@ -13,7 +13,8 @@ from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.cells import empty_room
 from star_tracker.identification.crowd import no_crowd
 from star_tracker.identification.judge import Sky, View, empty_matches
-from star_tracker.identification.search import PROGRESS, Limits
+from star_tracker.identification.progress import PROGRESS
+from star_tracker.identification.search import Limits
 from star_tracker.identification.shapes import Triangles, empty_fan
 from star_tracker.identification.votes import empty_votes
 from star_tracker.optics.frame import empty_frame
@@ -30,7 +31,7 @@ ScratchType, Scratch = struct("Scratch", __name__, ("votes", "room", "matches", 
 #: - limits: when it ends (`search.Limits`);
 #: - votes, room, matches, fan: scratch memory;
 #: - frame, crowd: the centroids, and where they crowd;
-#: - progress: (1,) of `search.PROGRESS`;
+#: - progress: (1,) of `progress.PROGRESS`;
 #: - proposed: (2, n) int64, matches that another matcher proposes: centroids, then guide stars;
 #: - best: the best pose so far, its rotation an array that Python reads too;
 #: - outcome: (1,) of `OUTCOME`;
@@ -43,7 +44,7 @@ EngineType, Engine = struct("Engine", __name__, (
 #: What became of a frame. `n_usable` centroids are finite and in the image; the rest is that of a
 #: labelled frame: its boresight, the root mean square residual of the identified stars, its scale,
 #: the variance of a centroid along each axis, and that of the log of the scale, how likely it is
-#: wrong (`search.wrong_probability`), and its log10 evidence.
+#: wrong (`progress.wrong_probability`), and its log10 evidence.
 OUTCOME = np.dtype([
     ("n_usable", np.int64), ("ra_rad", np.float64), ("dec_rad", np.float64),
     ("roll_rad", np.float64), ("rms_px", np.float64), ("scale", np.float64),

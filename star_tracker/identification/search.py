@@ -6,12 +6,13 @@ import numpy as np
 
 from star_tracker.attitude.pose import copy_pose
 from star_tracker.attitude.wahba import solve_wahba
-from star_tracker.compiled import clock_s, compiled
+from star_tracker.compiled import compiled
 from star_tracker.identification.cells import best_cells, members, triangle_check
 from star_tracker.identification.crowd import crowding
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.judge import judge
 from star_tracker.identification.plan import FULL_OF_FALSE
+from star_tracker.identification.progress import late
 from star_tracker.identification.shapes import (
     cast_by_shape,
     choose_runs,
@@ -45,21 +46,6 @@ _MANY_MATCHED = 15
 _WORK_OF_A_CELL = 1000.0
 _WORK_OF_A_RUN, _WORK_OF_A_LOOK, _WORK_OF_JUDGING = 10.0, 200.0, 2000.0
 
-#: How far a search has come, and the best that it has found: one record, which Python reads too.
-#: `n_hypotheses` pairs were compared with pairs, `n_since_best` candidates judged since the best
-#: pose was found, which `n_matched` matches carry, of `n_in_view` guide stars; `score` and
-#: `rival_score` are the log10 evidence of the best pose and of the best other pose. Python writes
-#: the last three: at `stop_s` of `time.monotonic` the search makes way; `n_proposed` matches stand
-#: in `engine.proposed`, with the tolerance with which they were found.
-PROGRESS = np.dtype([
-    ("level", np.int64), ("next_main", np.int64), ("n_hypotheses", np.int64),
-    ("n_judged", np.int64), ("n_since_best", np.int64), ("n_matched", np.int64),
-    ("n_in_view", np.int64),
-    ("score", np.float64), ("rival_score", np.float64), ("tolerance_px", np.float64),
-    ("stop_s", np.float64), ("n_proposed", np.int64), ("proposed_tolerance_px", np.float64),
-])
-
-
 class Limits(NamedTuple):
     """When a search ends.
 
@@ -79,26 +65,6 @@ class Limits(NamedTuple):
     work: float
     displaced_gate_px: float
     both_parities: bool = False
-
-
-@compiled
-def forget(progress: Any) -> None:
-    """Begin a search anew: nothing is found yet."""
-    progress.level = progress.next_main = progress.n_hypotheses = progress.n_judged = 0
-    progress.n_since_best = progress.n_matched = progress.n_in_view = 0
-    progress.score = progress.rival_score = -np.inf
-    progress.tolerance_px = 0.0
-
-
-@compiled
-def wrong_probability(progress: Any) -> float:
-    """Return that of the best pose, against its best rival and against no pose at all.
-
-    Bayes' theorem for evidence 10^score and, for no pose, 1; all equally likely beforehand.
-    """
-    score = progress.score
-    odds = 10.0 ** min(-score, 300.0) + 10.0 ** min(progress.rival_score - score, 300.0)
-    return odds / (1.0 + odds)
 
 
 @compiled
@@ -128,16 +94,10 @@ def search(engine: Any) -> int:
         clear(engine.votes)
         if certain(progress, limits, frame.n):
             return Ended.CERTAIN
-        if _late(progress):  # in the middle of it, perhaps
+        if late(progress):  # in the middle of it, perhaps
             progress.next_main -= 1
             return Ended.MORE
     return Ended.EXHAUSTED
-
-
-@compiled
-def _late(progress: Any) -> bool:
-    """Return whether the time is up."""
-    return progress.stop_s < np.inf and clock_s() > progress.stop_s
 
 
 @compiled
@@ -176,7 +136,7 @@ def _try_main(engine: Any, main: int, level: Any) -> float:
     for i in range(best_cells(votes, 0, votes.n_reached, cells, scores)):
         work += _WORK_OF_A_CELL
         _try_cell(engine, end, main, cells[i], level.tolerance_px)
-        if certain(progress, engine.limits, frame.n) or _late(progress):
+        if certain(progress, engine.limits, frame.n) or late(progress):
             break
     return work
 
@@ -218,7 +178,7 @@ def _try_main_by_shape(engine: Any, main: int, level: Any) -> float:
         n_judged = votes.n_reached
         for i in range(n_cells):
             work += _try_cell_by_shape(engine, main, cells[i], n_fan, level)
-            if certain(progress, engine.limits, frame.n) or _late(progress):
+            if certain(progress, engine.limits, frame.n) or late(progress):
                 return work
         done = end
     return work

@@ -25,6 +25,7 @@ from star_tracker.catalogue.triangles import (
 )
 from star_tracker.compiled import compiled, first_not_below, struct
 from star_tracker.identification.cells import MEMBERS
+from star_tracker.identification.progress import late
 from star_tracker.identification.votes import (
     ROLL_BINS,
     ROLL_BITS,
@@ -36,6 +37,8 @@ from star_tracker.identification.votes import (
 
 #: Room for the runs of rows that one batch of companions selects.
 _RUNS = 8192
+#: So many runs vote, one more being a power of two, between two looks at the clock: some 0.1 ms.
+_LOOK_AT_CLOCK = 127
 #: A separation or a shape that is less certain than this, relative, does not vote.
 _VAGUEST = 0.2
 
@@ -88,6 +91,8 @@ def cast_by_shape(engine: Any, threshold: int) -> None:
     fan, votes, main_azimuth = engine.fan, engine.votes, engine.triangles.main_azimuth
     first, last, units = fan.first, fan.last, fan.units
     for run in range(fan.n_runs):
+        if run & _LOOK_AT_CLOCK == _LOOK_AT_CLOCK and late(engine.progress[0]):
+            break  # the cells of those that have voted are looked at, one at the most
         vote_rows(main_azimuth, votes, (first[run], last[run]), units[run], threshold)
     count_waiting(votes, threshold)
 

@@ -31,13 +31,8 @@ from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
 from star_tracker.identification.judge import GATE_TOLERANCES
 from star_tracker.identification.labels import StarState, label_frame
-from star_tracker.identification.search import (
-    certain,
-    forget,
-    judge_and_keep,
-    search,
-    wrong_probability,
-)
+from star_tracker.identification.progress import forget, wrong_probability
+from star_tracker.identification.search import certain, judge_and_keep, search
 from star_tracker.identification.symmetry import fits_in_mirror
 from star_tracker.optics.frame import fill_frame, see_at_scale
 

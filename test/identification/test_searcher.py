@@ -10,7 +10,7 @@ from engines import CAMERA, Bench
 from star_tracker.compiled import compiled
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.labels import LABEL
-from star_tracker.identification.search import PROGRESS, wrong_probability
+from star_tracker.identification.progress import PROGRESS, wrong_probability
 from star_tracker.identification.searcher import Task
 from star_tracker.maps.simulation import uniform_noise
 
