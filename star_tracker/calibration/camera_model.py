@@ -28,6 +28,8 @@ _NONE = 1e-9
 #: Random walk a frame, of a lens that warms up or is touched: of the terms, of the principal point
 #: in focal lengths.
 _WALK = 1e-5
+#: Lenses of one term each.
+_TERMS = tuple(Distortion("plumb_bob", tuple(map(float, one))) for one in np.eye(5)[:4])
 #: For derivatives.
 _STEP = 1e-5
 
@@ -102,14 +104,20 @@ class CameraModel:
         for axis in np.eye(3):
             turned = camera.pixels(in_camera + _STEP * np.cross(axis, in_camera))
             of_pose.append(((turned - at) / _STEP).ravel())
-        of_camera = []
-        for i in range(len(PARAMETERS)):
-            moved = values.copy()
-            moved[i] += _STEP
-            of_camera.append(((self.camera(moved).pixels(in_camera) - at) / _STEP).ravel())
+        size = camera.fx_px, camera.fy_px
+        of_camera = [at - (camera.cx_px, camera.cy_px), *self._of_terms(in_camera, size)]
         if self._with_center:
-            of_camera.extend(np.tile(axis, len(at)) for axis in np.eye(2))
-        return at, np.column_stack(of_pose), np.column_stack(of_camera)
+            of_camera.extend(np.broadcast_to(axis, at.shape) for axis in np.eye(2))
+        return at, np.column_stack(of_pose), np.column_stack([one.ravel() for one in of_camera])
+
+    def _of_terms(self, in_camera: Floats, size_px: tuple[float, float]) -> list[Floats]:
+        """Return what each term of the lens moves (n, 2): they enter linearly."""
+        points = in_camera[:, :2] / in_camera[:, 2:]
+        if self._keeps_lens:
+            return [np.zeros_like(points) for _ in _TERMS]
+        if self.first.parity == "mirrored":
+            points[:, 1] *= -1
+        return [(term.distort(points) - points) * size_px for term in _TERMS]
 
 
 def _is_brown(lens: Distortion) -> bool:
