@@ -13,26 +13,19 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from star_tracker.attitude.wahba import wahba
+from star_tracker.calibration.camera_model import CameraModel
 from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.camera import Camera
-from star_tracker.optics.distortion import Distortion
 
 Index = NDArray[np.int64]
 
-#: What is estimated: log of the focal length as a multiple of the first one, and the lens, radial
-#: and tangential (Brown 1966). The principal point stays where it was said to be, as the camera's
-#: frame is defined by it: moved, it would turn the attitude of all later frames. A lens off the
-#: axis shows in the tangential terms instead.
-PARAMETERS = ("log_focal_length", "k1", "k2", "p1", "p2")
-#: Standard deviations of the lens beforehand: of lenses without a calibration.
-_LENS = (0.15, 0.1, 0.01, 0.01)
-#: Random walk a frame, of a lens that warms up or is touched, in the same units.
-_WALK = np.array([1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
 #: Noise of a centroid beforehand, px, worth so many residuals; and never less than this.
 _SIGMA_PX, _SIGMA_FREEDOM, _SIGMA_FLOOR_PX = 0.7, 4.0, 0.02
 #: A frame disagrees whose stars lie farther from where the camera believed puts them than so many
 #: times the noise; so many in a row say that the optics are others.
 _GATE, _ALL_WRONG = 6.0, 5
+#: Where the parameters begin that a lens off the axis shows in: p1, p2 and the principal point.
+_UNBENT = 3
 #: Stars that a frame needs to tell anything beside its attitude.
 MIN_STARS = 5
 #: Huber's limit of a residual, in standard deviations.
@@ -45,15 +38,13 @@ _INNER = 0.6
 #: most this part of the mean distance of two centroids: else one in ten that are not seen would
 #: get a wrong one.
 _REACH, _MOST_APART, _ROUNDS = 3.0, 0.18, 8
-#: For derivatives.
-_STEP = 1e-5
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """What a frame and all before it say: values and information (5,) and (5, 5).
+    """What a frame and all before it say: values and information (p,) and (p, p).
 
-    The frame's rotation (3, 3), how its pose gives way to the camera (3, 5), and what is left of
+    The frame's rotation (3, 3), how its pose gives way to the camera (3, p), and what is left of
     its residuals (2 n,), px.
     """
 
@@ -70,17 +61,24 @@ class CameraEstimate:
 
     Attributes:
         camera: as estimated, its `tolerance_percent` three standard errors of the focal length.
-        standard_errors: of `PARAMETERS`.
+        names: of the parameters that were estimated.
+        covariance: (p, p) of these.
         sigma_px: noise of a centroid along each axis, as the residuals show it.
         n_frames: frames that went in.
         n_left_out: frames that did not: too few stars, or too far off.
     """
 
     camera: Camera
-    standard_errors: Floats
+    names: tuple[str, ...]
+    covariance: Floats
     sigma_px: float
     n_frames: int
     n_left_out: int
+
+    @property
+    def standard_errors(self) -> Floats:
+        """Of the parameters (p,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
 class CameraEstimator:
@@ -90,18 +88,17 @@ class CameraEstimator:
         camera: as first found, of definite parity. Its distortion, where it is of another model,
             is kept and only the focal length is followed.
         tolerance: standard deviation of its log focal length beforehand.
+        told: where its principal point, then followed too, and its tangential terms are believed
+            to be beforehand; None = the principal point stays where it is.
     """
 
-    def __init__(self, camera: Camera, tolerance: float) -> None:
-        self._first = camera
-        self._values = np.zeros(len(PARAMETERS))
-        given = camera.distortion
-        self._keeps_lens = given is not None and not _is_brown(given)
-        if given is not None and not self._keeps_lens:
-            self._values[1:] = given.coefficients[:4]
-        lens = [1e-9] * len(_LENS) if self._keeps_lens else _LENS
-        prior = np.array([tolerance, *lens])
-        self._information = np.diag(prior**-2.0)
+    def __init__(self, camera: Camera, tolerance: float, *, told: Camera | None = None) -> None:
+        self._model = CameraModel(camera, with_center=told is not None)
+        self._values = self._model.start
+        self._mean = self._values.copy()
+        if told is not None:
+            self._mean[_UNBENT:] = self._model.values_of(told)[_UNBENT:]
+        self._information = np.diag(self._model.deviations(tolerance) ** -2.0)
         self._squares, self._freedom = _SIGMA_FREEDOM * _SIGMA_PX**2, _SIGMA_FREEDOM
         self._n_frames = self._n_left_out = self._n_wrong_in_a_row = 0
 
@@ -113,10 +110,11 @@ class CameraEstimator:
     @property
     def estimate(self) -> CameraEstimate:
         """What is known so far."""
-        errors = np.sqrt(np.diag(np.linalg.inv(self._information)))
-        camera = self._camera(self._values)
+        covariance = np.asarray(np.linalg.inv(self._information))
+        camera = self._model.camera(self._values)
+        tolerance_percent = min(100 * 3 * float(np.sqrt(covariance[0, 0])), 5.0)
         return CameraEstimate(
-            replace(camera, tolerance_percent=float(min(100 * 3 * errors[0], 5.0))), errors,
+            replace(camera, tolerance_percent=tolerance_percent), self._model.names, covariance,
             self._sigma_px, self._n_frames, self._n_left_out,
         )
 
@@ -157,7 +155,7 @@ class CameraEstimator:
     def _inner(self, xy_px: Floats, seeds: tuple[Index, Index]) -> tuple[Index, Index]:
         """Return the seeds without the outer ones: a lens that bends gives those wrong stars."""
         observed, catalog = seeds
-        x, y = (xy_px[observed] - (self._first.cx_px, self._first.cy_px)).T
+        x, y = (xy_px[observed] - (self._model.first.cx_px, self._model.first.cy_px)).T
         kept = np.argsort(np.hypot(x, y), kind="stable")
         kept = kept[: max(MIN_STARS, int(np.ceil(_INNER * len(observed))))]
         return observed[kept], catalog[kept]
@@ -172,7 +170,7 @@ class CameraEstimator:
             self._n_wrong_in_a_row += 1
             return False
         self._n_wrong_in_a_row = 0
-        self._information, self._values = fit.information, fit.values
+        self._information, self._values, self._mean = fit.information, fit.values, fit.values
         limit = _HUBER * self._sigma_px
         self._squares += float(np.sum(np.minimum(np.abs(fit.left), limit) ** 2))
         self._freedom += max(len(fit.left) - 3, 1)
@@ -186,18 +184,18 @@ class CameraEstimator:
         """
         if len(xy_px) < MIN_STARS:
             return None
-        spread = np.linalg.inv(self._information) + np.diag(_WALK**2)
+        spread = np.linalg.inv(self._information) + np.diag(self._model.walk**2)
         known, values = np.linalg.inv(spread), self._values
         for _ in range(_STEPS):
             try:
-                rotation = wahba(self._camera(values).vectors(xy_px), stars)
+                rotation = wahba(self._model.camera(values).vectors(xy_px), stars)
             except ValueError:
                 return None
             residual, of_pose, of_camera = self._linearised(values, xy_px, stars, rotation)
             weight = self._weights(residual)
             information, gradient, gain = _without_pose(of_pose, of_camera, residual, weight)
             information = known + information
-            step = np.linalg.solve(information, gradient - known @ (values - self._values))
+            step = np.linalg.solve(information, gradient - known @ (values - self._mean))
             values = values + step
             if step @ information @ step < _SMALL_STEP**2:
                 break
@@ -213,12 +211,12 @@ class CameraEstimator:
 
     def _found(self, fit: _Fit, xy_px: Floats, guides: Floats) -> tuple[Index, Index]:
         """Return centroids and guide stars that are each other's nearest, near enough."""
-        camera = self._camera(fit.values)
+        camera = self._model.camera(fit.values)
         ahead = np.flatnonzero(guides @ fit.rotation[:, 2] > np.cos(camera.radius_rad))
         inside = ahead[camera.contains(camera.pixels(guides[ahead] @ fit.rotation))]
         if len(inside) == 0:
             return inside, inside
-        at, of_pose, of_camera = self._moves(fit.values, guides[inside] @ fit.rotation)
+        at, of_pose, of_camera = self._model.moves(fit.values, guides[inside] @ fit.rotation)
         with_pose = of_camera - of_pose @ fit.gain
         spread = np.linalg.inv(fit.information)
         variance = np.einsum("ij,jk,ik->i", with_pose, spread, with_pose).reshape(-1, 2)
@@ -234,52 +232,24 @@ class CameraEstimator:
     def _sigma_px(self) -> float:
         return max(float(np.sqrt(self._squares / self._freedom)), _SIGMA_FLOOR_PX)
 
-    def _camera(self, values: Floats) -> Camera:
-        """Return the camera of some values of the parameters."""
-        first, scale = self._first, float(np.exp(values[0]))
-        lens = first.distortion
-        if not self._keeps_lens:
-            terms = tuple(float(value) for value in values[1:])
-            lens = Distortion("plumb_bob", (*terms, 0.0)) if any(terms) else None
-        return replace(
-            first, fx_px=first.fx_px * scale, fy_px=first.fy_px * scale, distortion=lens
-        )
-
     def _linearised(
         self, values: Floats, xy_px: Floats, stars: Floats, rotation: Floats
     ) -> tuple[Floats, Floats, Floats]:
         """Return the residuals (2 n,), px, and what moves the predictions: pose and camera."""
-        at, of_pose, of_camera = self._moves(values, stars @ rotation)
+        at, of_pose, of_camera = self._model.moves(values, stars @ rotation)
         return (xy_px - at).ravel(), of_pose, of_camera
-
-    def _moves(self, values: Floats, in_camera: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return where directions (n, 3) are seen (n, 2), and what moves that, (2 n, ...)."""
-        camera = self._camera(values)
-        at = camera.pixels(in_camera)
-        of_pose = []
-        for axis in np.eye(3):
-            turned = camera.pixels(in_camera + _STEP * np.cross(axis, in_camera))
-            of_pose.append(((turned - at) / _STEP).ravel())
-        of_camera = []
-        for i in range(len(PARAMETERS)):
-            moved = values.copy()
-            moved[i] += _STEP
-            of_camera.append(((self._camera(moved).pixels(in_camera) - at) / _STEP).ravel())
-        return at, np.column_stack(of_pose), np.column_stack(of_camera)
 
     def _agrees(self, xy_px: Floats, stars: Floats) -> bool:
         """Return whether a frame fits the camera believed as well as its uncertainty allows."""
-        rotation = wahba(self._camera(self._values).vectors(xy_px), stars)
+        rotation = wahba(self._model.camera(self._values).vectors(xy_px), stars)
         residual, of_pose, of_camera = self._linearised(self._values, xy_px, stars, rotation)
+        left, with_pose = (
+            one - of_pose @ np.linalg.lstsq(of_pose, one, rcond=None)[0]
+            for one in (residual, of_camera)
+        )
         spread = np.linalg.inv(self._information)
-        expected = self._sigma_px**2 + np.einsum("ij,jk,ik->i", of_camera, spread, of_camera)
-        left = residual - of_pose @ np.linalg.lstsq(of_pose, residual, rcond=None)[0]
+        expected = self._sigma_px**2 + np.einsum("ij,jk,ik->i", with_pose, spread, with_pose)
         return float(np.median(np.abs(left) / np.sqrt(expected))) < _GATE
-
-
-def _is_brown(lens: Distortion) -> bool:
-    """Return whether a lens is described by the terms that are estimated."""
-    return lens.model == "plumb_bob" and lens.coefficients[4] == 0
 
 
 def _without_pose(

@@ -1,6 +1,6 @@
 """A camera from all its frames at once: `learning` for those that lie on a disk."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from star_tracker.attitude.wahba import wahba
 from star_tracker.calibration.camera_estimator import CameraEstimate, CameraEstimator
+from star_tracker.calibration.camera_model import CENTER
 from star_tracker.calibration.learning import LearningTracker
 from star_tracker.geometry.spherical import Floats
 from star_tracker.optics.camera import Camera
@@ -19,6 +20,11 @@ _DOUBT = 0.1
 #: The frames are gone through so often, each time from the camera that came out before: the stars
 #: of the first ones are then looked for where the last ones have shown them to be.
 _PASSES = 2
+#: The principal point is another one where noise has less than this chance of moving it as far: as
+#: in `lens`. (The chi-square of two values is an exponential.)
+_SIGNIFICANCE = 0.001
+
+Found = tuple[Floats, Floats]
 
 
 class Sighting(NamedTuple):
@@ -35,6 +41,8 @@ class CalibratedFrames:
     Attributes:
         estimate: the camera with standard errors.
         before: the camera as it was told, or found in the first frame.
+        center_px: standard errors (2,) of the principal point, also where the stars did not show
+            another one and it stayed; None where it was not asked for.
         rms_before_px, rms_after_px: root mean square residual of the same stars with either, the
             attitudes fitted anew.
         n_stars: of all frames that went in.
@@ -44,6 +52,7 @@ class CalibratedFrames:
 
     estimate: CameraEstimate
     before: Camera
+    center_px: Floats | None
     rms_before_px: float
     rms_after_px: float
     n_stars: int
@@ -52,18 +61,17 @@ class CalibratedFrames:
 
 
 def calibrate_frames(
-    tracker: LearningTracker, frames: Sequence[Sighting]
+    tracker: LearningTracker, frames: Sequence[Sighting], *, principal_point: bool = False
 ) -> CalibratedFrames:
     """Fit focal length and lens to all stars of frames of one camera, each with its attitude.
+
+    With `principal_point` that is fitted too, and with it the axis that is the boresight. It stays
+    where it was told, or in the middle of the image, where the stars do not show another.
 
     Raises ValueError where no frame is solved, or none agrees with the others.
     """
     told, first = tracker.camera, None
-    solutions = [tracker.solve(*frame) for frame in frames]
-    solutions = [  # once more, with what the others have taught
-        one if one.status is Status.SOLVED else tracker.solve(*frame)
-        for one, frame in zip(solutions, frames, strict=True)
-    ]
+    solutions = _solved(tracker, frames)
     solved = [i for i, one in enumerate(solutions) if one.status is Status.SOLVED]
     if not solved or tracker.camera is None:
         raise ValueError(
@@ -71,26 +79,58 @@ def calibrate_frames(
         )
     first = solutions[solved[0]].camera
     before = first if told is None or first is None else told.with_parity(first.parity)
-    camera, matches = tracker.camera, {}
-    for _ in range(_PASSES):
-        estimator = CameraEstimator(replace(camera, tolerance_percent=0.0), _DOUBT)
-        matches = {i: _matched(estimator, frames[i], solutions[i]) for i in solved}
-        camera = estimator.estimate.camera
-    found = [match for match in matches.values() if match is not None]
-    if before is None or not found:
+    sky, center_px = {i: (frames[i], solutions[i]) for i in solved}, None
+    estimate, matches = _fitted(tracker.camera, sky, before if principal_point else None)
+    if principal_point and before is not None:
+        center_px = estimate.standard_errors[-len(CENTER):]
+        if not _is_another(estimate, before):
+            estimate, matches = _fitted(tracker.camera, sky, None)
+    if before is None or not matches:
         raise ValueError(
             f"none of {len(frames)} frames has stars enough, or no two agree on a camera"
         )
+    found = list(matches.values())
     return CalibratedFrames(
-        estimator.estimate, before, _rms_px(before, found), _rms_px(camera, found),
+        estimate, before, center_px, _rms_px(before, found), _rms_px(estimate.camera, found),
         sum(len(xy) for xy, _ in found),
-        np.array([matches.get(i) is not None for i in range(len(frames))]), tuple(solutions),
+        np.array([i in matches for i in range(len(frames))]), tuple(solutions),
     )
+
+
+def _solved(tracker: LearningTracker, frames: Sequence[Sighting]) -> list[Solution]:
+    """Solve frames; those that were not solved once more, with what the others have taught."""
+    solutions = [tracker.solve(*frame) for frame in frames]
+    return [
+        one if one.status is Status.SOLVED else tracker.solve(*frame)
+        for one, frame in zip(solutions, frames, strict=True)
+    ]
+
+
+def _fitted(
+    camera: Camera, sky: Mapping[int, tuple[Sighting, Solution]], told: Camera | None
+) -> tuple[CameraEstimate, dict[int, Found]]:
+    """Return the camera of solved frames, and what was used of those that went in.
+
+    Where `told` is given its principal point is fitted too.
+    """
+    for _ in range(_PASSES):
+        estimator = CameraEstimator(replace(camera, tolerance_percent=0.0), _DOUBT, told=told)
+        matches = {i: _matched(estimator, *frame) for i, frame in sky.items()}
+        camera = estimator.estimate.camera
+    return estimator.estimate, {i: one for i, one in matches.items() if one is not None}
+
+
+def _is_another(estimate: CameraEstimate, told: Camera) -> bool:
+    """Return whether the principal point has moved farther than noise would move it."""
+    camera, n = estimate.camera, len(CENTER)
+    moved = np.array([camera.cx_px - told.cx_px, camera.cy_px - told.cy_px])
+    chi_square = moved @ np.linalg.solve(estimate.covariance[-n:, -n:], moved)
+    return bool(chi_square > -2 * np.log(_SIGNIFICANCE))
 
 
 def _matched(
     estimator: CameraEstimator, frame: Sighting, solution: Solution
-) -> tuple[Floats, Floats] | None:
+) -> Found | None:
     """Take a solved frame in; return the centroids and stars that were used."""
     if solution.catalog is None:
         return None
@@ -101,7 +141,7 @@ def _matched(
     return None if used is None else (xy[used[0]], guides[used[1]])
 
 
-def _rms_px(camera: Camera, found: Sequence[tuple[Floats, Floats]]) -> float:
+def _rms_px(camera: Camera, found: Sequence[Found]) -> float:
     """Return the root mean square residual over all frames, each with its best attitude."""
     squares = [
         np.sum((camera.pixels(stars @ wahba(camera.vectors(xy), stars)) - xy) ** 2, axis=1)

@@ -47,6 +47,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output", type=Path, metavar="FILE",
         help="where the camera goes, YAML of ROS's camera_calibration (none)",
     )
+    frames.add_argument(
+        "--principal-point", action="store_true",
+        help="fit the principal point too, through which the boresight goes (it stays where it "
+        "was told, or in the middle of the image)",
+    )
     add_camera_arguments(parser.add_argument_group("camera of the frames (found out)"))
     add_sky_arguments(parser.add_argument_group("sky and work for frames"))
 
@@ -58,6 +63,10 @@ def execute(options: argparse.Namespace) -> None:
     if len(options.files) == 1 and (word.isdecimal() or is_star_map(Path(word))):
         if options.output is not None:
             raise ValueError("--output is for frames: one star map is no camera's calibration")
+        if options.principal_point:
+            raise ValueError(
+                "--principal-point is for frames: for one star map use --terms principal_point"
+            )
         _calibrate_map(options, word)
         return
     if options.terms is not None or options.focal_length_px is not None:

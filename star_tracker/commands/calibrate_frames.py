@@ -6,8 +6,8 @@ from collections import Counter
 
 from rich.table import Table
 
-from star_tracker.calibration.camera_estimator import PARAMETERS
 from star_tracker.calibration.camera_file import write_camera
+from star_tracker.calibration.camera_model import CENTER, PARAMETERS
 from star_tracker.calibration.many_frames import CalibratedFrames, Sighting, calibrate_frames
 from star_tracker.commands.frame_options import asked_of, paths_of
 from star_tracker.commands.options import Record, cell, print_result
@@ -36,6 +36,7 @@ def calibrate_files(options: argparse.Namespace) -> None:
     found = calibrate_frames(
         asked.tracker(size, asked.told(size)),
         [Sighting(frame.xy_px, frame.intensity) for frame in frames],
+        principal_point=options.principal_point,
     )
     record = _record(found, frames)
     if options.output is not None:
@@ -71,7 +72,9 @@ def _record(found: CalibratedFrames, frames: list[FileFrame]) -> Record:
 def _rows(found: CalibratedFrames) -> list[Record]:
     """Return a row for each value: before, fitted and its standard error."""
     camera, before = found.estimate.camera, found.before
-    errors = dict(zip(PARAMETERS, found.estimate.standard_errors.tolist(), strict=True))
+    errors = dict(
+        zip(found.estimate.names, found.estimate.standard_errors.tolist(), strict=True)
+    )
     of_focal_length = errors["log_focal_length"]
     rows: list[Record] = [
         {
@@ -89,6 +92,13 @@ def _rows(found: CalibratedFrames) -> list[Record]:
         rows.append({
             "parameter": name, "before": was[i], "fitted": now[i], "standard_error": errors[name],
         })
+    rows.extend(
+        {
+            "parameter": name, "before": getattr(before, name), "fitted": getattr(camera, name),
+            "standard_error": errors[name],
+        }
+        for name in CENTER if name in errors
+    )
     return rows
 
 
@@ -100,11 +110,22 @@ def _lens(camera: Camera) -> tuple[float, ...]:
     return lens.coefficients[:4]
 
 
+def _about_center(found: CalibratedFrames) -> str:
+    """Return what is to be said of the principal point, empty where it was fitted."""
+    stays = "; the principal point stays where it was told"
+    if found.center_px is None:
+        return stays
+    if CENTER[0] in found.estimate.names:
+        return ""
+    x, y = found.center_px
+    return f"{stays}: the stars, which tell it to {x:.1f} and {y:.1f} px, show no other"
+
+
 def _table(found: CalibratedFrames, record: Record) -> Table:
     caption = (
         f"residuals {found.rms_before_px:.3f} px before, {found.rms_after_px:.3f} px after (rms "
-        f"of the same stars); noise {found.estimate.sigma_px:.3f} px along each axis; the "
-        "principal point stays where it was told"
+        f"of the same stars); noise {found.estimate.sigma_px:.3f} px along each axis"
+        f"{_about_center(found)}"
     )
     table = Table(
         title=f"camera from {record['stars']} stars in {record['frames_used']} of "

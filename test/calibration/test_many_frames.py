@@ -1,8 +1,11 @@
 """One camera from all its frames."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from test_learning import BRIGHT_SKY, SIZE_PX, frames, tracker
+from scipy.spatial.transform import Rotation
+from test_learning import BRIGHT_SKY, SIZE_PX, SKY, frames, off_deg, tracker
 
 from star_tracker.calibration.many_frames import Sighting, calibrate_frames
 from star_tracker.maps.simulation import uniform_noise
@@ -49,3 +52,52 @@ def test_without_a_solved_frame_there_is_no_calibration():
     noise = Sighting(uniform_noise(camera, 6, np.random.default_rng(1)), None)
     with pytest.raises(ValueError, match="none of 2 frames was solved: without stars there is"):
         calibrate_frames(tracker(camera), [noise, noise])
+
+
+def calibrated_with_center(camera, n, **options):
+    """What `n` frames of a camera tell with and without the principal point, and those frames."""
+    several = frames(camera, n, noise_px=NOISE_PX, **options)
+    shown = [Sighting(xy, None) for xy, _ in several]
+    kept, fitted = (
+        calibrate_frames(tracker(), shown, principal_point=asked) for asked in (False, True)
+    )
+    return kept, fitted, several
+
+
+def test_a_principal_point_that_is_off_is_found_where_that_is_asked_for():
+    """Then the stars lie at the noise, and the boresight is the lens' axis."""
+    true = replace(
+        Camera.from_fov(50.0, *SIZE_PX), cx_px=272.0, cy_px=244.0,
+        distortion=Distortion("plumb_bob", (-0.25, 0.05, 0.0, 0.0, 0.0)),
+    )
+    kept, fitted, several = calibrated_with_center(
+        true, 12, seed=21, least=25, sky=BRIGHT_SKY
+    )
+    camera, errors = fitted.estimate.camera, fitted.estimate.standard_errors[-2:]
+    moved = np.subtract((camera.cx_px, camera.cy_px), (true.cx_px, true.cy_px))
+    assert np.all(np.abs(moved) < 4 * errors)
+    assert np.all(errors < 1.0)
+    np.testing.assert_array_equal(fitted.center_px, errors)
+    assert fitted.rms_after_px == pytest.approx(NOISE_PX * np.sqrt(2), rel=0.15)
+    assert fitted.rms_after_px < 0.75 * kept.rms_after_px
+    assert (kept.center_px, kept.estimate.camera.cx_px) == (None, SIZE_PX[0] / 2)
+    told = [replace(one.estimate.camera, tolerance_percent=0.0) for one in (kept, fitted)]
+    for xy, rotation in several[:4]:
+        before, after = (off_deg(tracker(one).solve(xy), rotation) for one in told)
+        assert before > 1.5  # 20 px are 2.1 deg
+        assert after < 0.1 * before
+
+
+def test_a_principal_point_that_the_stars_do_not_show_stays():
+    """A narrow field would move it by noise, and turn the boresight of all frames with it."""
+    kept, fitted, several = calibrated_with_center(
+        Camera.from_fov(12.0, *SIZE_PX), 8, seed=22, sky=SKY
+    )
+    assert fitted.estimate.camera == kept.estimate.camera
+    assert fitted.estimate.names == kept.estimate.names
+    assert np.all(fitted.center_px > 2.0)
+    camera = replace(fitted.estimate.camera, tolerance_percent=0.0)
+    for xy, rotation in several:
+        solution = tracker(camera).solve(xy)
+        error = Rotation.from_matrix(solution.attitude.rotation.T @ rotation).as_rotvec()
+        assert error @ np.linalg.solve(solution.attitude.covariance_rad2, error) < 16.3

@@ -20,18 +20,26 @@ CAMERA = replace(
 )
 
 
-@pytest.fixture(scope="module")
-def lists(tmp_path_factory):
-    """Lists of centroids of random attitudes, noise 0.1 px."""
-    folder, rng = tmp_path_factory.mktemp("lists"), np.random.default_rng(7)
-    sky = StarCatalog.hipparcos(limiting_magnitude=5.5)
+#: Its lens 20 px off the middle.
+DECENTRED = replace(CAMERA, cx_px=308.0, cy_px=256.0)
+
+
+def lists_of(camera, folder):
+    """Write lists of centroids of random attitudes, noise 0.1 px."""
+    rng, sky = np.random.default_rng(7), StarCatalog.hipparcos(limiting_magnitude=5.5)
     paths = []
     while len(paths) < 6:
-        frame = synthetic_field(sky, CAMERA, random_rotation(rng), rng, Condition(noise_px=0.1))
+        frame = synthetic_field(sky, camera, random_rotation(rng), rng, Condition(noise_px=0.1))
         if len(frame.xy_px) >= 15:
             paths.append(str(folder / f"frame{len(paths)}.csv"))
             np.savetxt(paths[-1], frame.xy_px, delimiter=",", header="x,y", comments="")
     return paths
+
+
+@pytest.fixture(scope="module")
+def lists(tmp_path_factory):
+    """Lists of the camera's frames."""
+    return lists_of(CAMERA, tmp_path_factory.mktemp("lists"))
 
 
 def run(capsys, *arguments):
@@ -76,6 +84,34 @@ def test_the_table_says_what_was_fitted(lists, capsys):
         assert part in text
 
 
+def test_the_principal_point_is_fitted_where_that_is_asked_for(capsys, tmp_path):
+    pytest.importorskip("yaml", reason="reading camera files needs PyYAML")
+    path, asked = tmp_path / "camera.yaml", (*SIZE, "--fov-deg", "29.5")
+    paths = lists_of(DECENTRED, tmp_path)
+    code, out, err = run(
+        capsys, *paths, *asked, "--principal-point", "--output", path, "--json"
+    )
+    assert (code, err) == (0, "")
+    rows, written = {row["parameter"]: row for row in json.loads(out)["parameters"]}, {}
+    for name, middle in (("cx_px", 320.0), ("cy_px", 240.0)):
+        row = rows[name]
+        assert row["before"] == middle
+        assert abs(row["fitted"] - getattr(DECENTRED, name)) < 4 * row["standard_error"] < 10.0
+        written[name] = row["fitted"]
+    camera = read_camera(path)
+    assert {"cx_px": camera.cx_px, "cy_px": camera.cy_px} == pytest.approx(written)
+    assert "principal point" not in run(capsys, *paths, *asked, "--principal-point")[1]
+
+
+def test_a_principal_point_that_the_stars_do_not_show_is_said_to_stay(lists, capsys):
+    code, out, _ = run(capsys, *lists, *SIZE, "--fov-deg", "29.5", "--principal-point")
+    text = " ".join(out.split())
+    assert code == 0
+    assert "the principal point stays where it was told: the stars, which tell it to" in text
+    assert "px, show no other" in text
+    assert "cx_px" not in text
+
+
 def test_a_file_that_cannot_be_read_is_named_and_the_others_are_used(lists, capsys, tmp_path):
     missing = tmp_path / "missing.png"
     code, out, err = run(capsys, missing, *lists, *SIZE, "--fov-deg", "30", "--json")
@@ -96,10 +132,14 @@ def test_options_that_do_not_fit_frames_are_refused(lists, capsys, words, senten
     assert sentence in err
 
 
-def test_a_star_map_takes_no_output(capsys, tmp_path):
-    code, _, err = run(capsys, "1", "--output", tmp_path / "camera.yaml")
+@pytest.mark.parametrize(("words", "sentence"), [
+    (["--output", "camera.yaml"], "--output is for frames: one star map is no camera's"),
+    (["--principal-point"], "is for frames: for one star map use --terms principal_point"),
+])
+def test_options_that_do_not_fit_a_star_map_are_refused(capsys, words, sentence):
+    code, _, err = run(capsys, "1", *words)
     assert code == 2
-    assert "--output is for frames: one star map is no camera's calibration" in err
+    assert sentence in err
 
 
 def test_images_of_several_sizes_are_of_several_cameras(lists, capsys):

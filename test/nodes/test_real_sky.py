@@ -1,15 +1,10 @@
-"""Real images of the night sky through both nodes, held against their truth.
-
-They lie in `shared/real_sky`, in a folder above the checkout; their README says whose they are.
-"""
-
-import csv
-from pathlib import Path
+"""Real images of the night sky through both nodes, held against their truth."""
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Vector3Stamped
+from real_sky_files import FOLDER, rows_of
 from ros_helpers import new_header, open_bench, stamp_ns
 from sensor_msgs.msg import Image, PointCloud2
 
@@ -22,10 +17,6 @@ from star_tracker.nodes.camera_to_attitude import make_nodes
 from star_tracker.offline.image_file import read_image
 
 pytest.importorskip("PIL", reason="reading pictures needs Pillow, an extra")
-FOLDER = next(
-    (one / "shared" / "real_sky" for one in Path(__file__).resolve().parents
-     if (one / "shared" / "real_sky").is_dir()), None,
-)
 pytestmark = [
     pytest.mark.slow, pytest.mark.usefixtures("solver_compiled"),
     pytest.mark.skipif(FOLDER is None, reason="needs shared/real_sky beside the checkout"),
@@ -40,11 +31,10 @@ TOLD = [
 
 def truth():
     """The boresight (ra, dec), deg, by file of that camera's images."""
-    with (FOLDER / "truth.csv").open(encoding="utf-8") as file:
-        return {
-            row["file"]: (float(row["ra_deg"]), float(row["dec_deg"]))
-            for row in csv.DictReader(file) if row["file"].startswith(("a16", "b16"))
-        }
+    return {
+        row["file"]: (float(row["ra_deg"]), float(row["dec_deg"]))
+        for row in rows_of("truth.csv") if row["file"].startswith(("a16", "b16"))
+    }
 
 
 @pytest.fixture(scope="module")
