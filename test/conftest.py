@@ -7,6 +7,7 @@ CI), lest they be forgotten.
 
 import errno
 import os
+import signal
 import socket
 import warnings
 from importlib import import_module
@@ -57,6 +58,11 @@ os.environ.update(
     ROS_DOMAIN_ID=str(ROS_DOMAIN),
     ROS_PYTHON_CHECK_FIELDS="1",
 )
+
+# A shell that runs the tests in the background has them ignore Ctrl-C, and so would the processes
+# that they start and interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 def fault_of(name):
     """Import a library; return what is wrong with it in words, or nothing."""
