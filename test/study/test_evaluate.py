@@ -103,6 +103,8 @@ def test_an_interrupted_run_says_how_to_go_on(small, tmp_path):
 def test_an_option_that_cannot_be_used_is_one_line_and_exit_code_2(
     tmp_path, monkeypatch, capsys, arguments, expected
 ):
+    if "--scheduler" in arguments:
+        pytest.importorskip("distributed", reason="needs distributed, an extra")
     monkeypatch.chdir(tmp_path)
     assert cli.main(["evaluate", "--quick", *arguments]) == 2
     told = capsys.readouterr().err
