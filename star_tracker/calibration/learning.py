@@ -1,6 +1,5 @@
 """A tracker that learns its camera: told, told within a tolerance, or not told at all."""
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from star_tracker.any_camera import AnyCameraTracker
+from star_tracker.calibration.belief import Belief, believed, moved_px
 from star_tracker.calibration.camera_estimator import (
     MIN_STARS,
     CameraEstimate,
@@ -24,11 +24,6 @@ from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings, Status
 from star_tracker.tracker import StarTracker
 
-#: Where the stars of a single frame tell a camera, its focal length is believed this well at
-#: least, relative: what the lens bends is not known yet.
-_LEAST_DOUBT, _MOST_DOUBT = 0.005, 0.1
-#: And a lens that bends by k1 = 0.15 shows another focal length: by half of that in the corners.
-_BEND = 0.075
 #: A tracker is made anew where the camera's rays have moved by more than this in the image, px.
 _MOVED_PX = 0.25
 #: Or where the focal length may be off by less than this part of what it might be before: each
@@ -36,9 +31,6 @@ _MOVED_PX = 0.25
 _SURER = 0.5
 #: A frame is gone through so often, at the most, while the camera found in it explains more stars.
 _ROUNDS = 4
-#: The camera learns from each of the first so many solved frames, and then from one in so many:
-#: going through a frame takes 20 ms. Where one disagrees the next one is gone through too.
-_EACH, _ONE_IN = 10, 10
 #: After so many frames in a row without a solution a told camera is no longer believed; and each
 #: time that so many more have gone by, one is worth a longer search.
 _PATIENCE = 10
@@ -59,25 +51,6 @@ class Sources:
 
     database_for: Callable[[Camera], FeatureDatabase]
     ladder: Callable[[], Sequence[LadderStep]]
-
-
-@dataclass
-class _Belief:
-    """A camera that is worked with, its tracker, and what frames have told about it."""
-
-    camera: Camera
-    tracker: StarTracker
-    learns: bool
-    estimator: CameraEstimator | None
-    second_opinion: SecondOpinion | None = None
-    n_solved: int = 0
-    agreed: bool = True
-
-    @property
-    def learns_from_it(self) -> bool:
-        """Whether the frame that was just solved is one of those that the camera learns from."""
-        n = self.n_solved
-        return n <= _EACH or n % _ONE_IN == 0 or not self.agreed
 
 
 class LearningTracker:
@@ -218,7 +191,7 @@ class LearningTracker:
         return before or found
 
     def _ask(
-        self, belief: _Belief, xy_px: ArrayLike, intensity: ArrayLike | None,
+        self, belief: Belief, xy_px: ArrayLike, intensity: ArrayLike | None,
         solution: Solution, stop_s: float,
     ) -> None:
         """Ask in the time that is left whether the camera is another one than was told."""
@@ -239,19 +212,19 @@ class LearningTracker:
             )
         return self._ladder
 
-    def _trust(self, camera: Camera) -> _Belief:
+    def _trust(self, camera: Camera) -> Belief:
         """Work with a camera from now on."""
         tracker = StarTracker(self._sources.database_for(camera), camera, self.settings)
         learns, estimator = camera.tolerance_percent > 0, None
         if learns and camera.parity != "auto":  # else the first frame settles the parity
             estimator = CameraEstimator(camera, camera.tolerance_percent / 100)
-        return _Belief(camera, tracker, learns, estimator)
+        return Belief(camera, tracker, learns, estimator)
 
     def _adopt(
         self, solution: Solution, xy_px: ArrayLike, intensity: ArrayLike | None
     ) -> Solution:
         """Believe in the camera of a frame solved under any; return the frame's best solution."""
-        camera = _believed(solution)
+        camera = believed(solution)
         told = "" if self._belief is None else (
             f" instead of {self._belief.camera.fov_deg:.4g} deg: correct fov_deg, or the lens "
             "has changed"
@@ -275,13 +248,13 @@ class LearningTracker:
         return replace(best, solve_ms=solution.solve_ms)
 
     def _learn(
-        self, belief: _Belief, solution: Solution, xy_px: ArrayLike, *, at_once: bool = False
+        self, belief: Belief, solution: Solution, xy_px: ArrayLike, *, at_once: bool = False
     ) -> None:
         """Take in what a solved frame tells about the camera."""
         if not belief.learns or solution.catalog is None:
             return
         if belief.camera.parity == "auto":  # the parity is settled by the first frame
-            self._belief = belief = self._trust(_believed(solution))
+            self._belief = belief = self._trust(believed(solution))
         belief.n_solved += 1
         which = solution.identification.identified
         if belief.estimator is None or len(which) < MIN_STARS:
@@ -302,29 +275,9 @@ class LearningTracker:
             return
         camera, at_work = belief.estimator.estimate.camera, belief.tracker.camera
         surer = camera.tolerance_percent < _SURER * at_work.tolerance_percent
-        moved = _moved_px(at_work, camera) > _MOVED_PX
+        moved = moved_px(at_work, camera) > _MOVED_PX
         if moved:  # the residuals before had the camera's error in them
             self.noise.forget()
         if surer or moved:
             belief.camera = camera
             belief.tracker = StarTracker(belief.tracker.database, camera, self.settings)
-
-
-def _believed(solution: Solution) -> Camera:
-    """Return the camera of a solution with the tolerance that its own stars leave."""
-    camera = solution.camera
-    if camera is None:
-        raise ValueError("an unsolved frame tells no camera")
-    corner = math.tan(min(camera.radius_rad, math.radians(80.0)))
-    doubt = max(3 * solution.focal_length_error, _LEAST_DOUBT, _BEND * corner**2)
-    return replace(camera, tolerance_percent=100 * min(doubt, _MOST_DOUBT))
-
-
-def _moved_px(before: Camera, after: Camera) -> float:
-    """Return how far apart two cameras put the rays of the border and the middle of the image."""
-    w, h = before.width_px, before.height_px
-    points = np.array([
-        (x, y) for x in (0.1 * w, 0.5 * w, 0.9 * w) for y in (0.1 * h, 0.5 * h, 0.9 * h)
-    ])
-    moved = after.pixels(before.vectors(points)) - points
-    return float(np.max(np.hypot(moved[:, 0], moved[:, 1])))

@@ -102,8 +102,9 @@ class Escalation:
         """Return how a frame ends that no searcher has solved, and why where its rivals say so."""
         # Found by the fallback, or certain but for the other centroids when the time was up. What
         # is certain and yet not solved fits in a mirror as well.
-        lead = best.score - best.rival_score
-        if best.score > self._limits.certain and best.ended != Ended.CERTAIN and lead > _POSE_LEAD:
+        leads = best.score > best.rival_score + _POSE_LEAD
+        certain = best.score > self._limits.certain and (in_time or best.explains_its_view)
+        if certain and leads and best.ended != Ended.CERTAIN:
             best.label(task)
         if best.ended == Ended.SOLVED:
             return Ended.SOLVED, ""

@@ -49,7 +49,7 @@ class Scripted:
         self._bench, self._name, self._steps = bench, name, [*steps]
         self.camera, self.scale_is_told = SimpleNamespace(parity=parity), True
         self.rival_score, self.rotation, self.n_hypotheses = rival, rotation, 100
-        self.labelled_as = Ended.SOLVED
+        self.labelled_as, self.explains_its_view = Ended.SOLVED, True
         self.certain = 0.0  # from which evidence a candidate of the fallback is certain
         self.ended, self.score = Ended.MORE, -math.inf
 
@@ -281,6 +281,20 @@ def test_a_pose_that_is_certain_has_to_lead_too(bench, rival, ended):
     """Of a frame that agrees with no pose as a whole two parts may each carry one."""
     verdict = doubted(bench, 8.1, -math.inf, rival=rival)
     assert verdict.ended == ended
+
+
+@pytest.mark.parametrize(("explains", "ended"), [(True, Ended.SOLVED), (False, Ended.MORE)])
+def test_a_part_of_the_image_carries_no_pose_when_the_time_is_up(bench, explains, ended):
+    one = bench.searcher("one", (Ended.MORE, 15.0)).begun()
+    one.explains_its_view = explains
+    verdict = run(bench, [one], deadline_ms=3.0)
+    assert verdict.ended == ended
+
+
+def test_a_pose_that_has_outlasted_the_search_may_explain_little(bench):
+    one = bench.searcher("one", (Ended.EXHAUSTED, 15.0)).begun()
+    one.explains_its_view = False
+    assert run(bench, [one]).ended == Ended.SOLVED
 
 
 @pytest.mark.parametrize("score", [8.1, 5.0], ids=["certain", "enough"])

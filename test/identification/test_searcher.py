@@ -44,6 +44,19 @@ def of_record(progress):
     return wrong_probability(progress[0])
 
 
+@pytest.mark.parametrize(
+    ("n_matched", "n_in_view", "explains"), [(7, 30, False), (8, 30, True), (5, 15, True)]
+)
+def test_a_pose_explains_half_of_the_centroids_or_a_third_of_the_guide_stars(
+    database, n_matched, n_in_view, explains
+):
+    bench = Bench(database)
+    bench.show(uniform_noise(CAMERA, 16, np.random.default_rng(4)))
+    bench.results.progress["n_matched"] = n_matched
+    bench.results.progress["n_in_view"] = n_in_view
+    assert bench.searcher.explains_its_view is explains
+
+
 def searched(bench, task):
     """Go on to the end; return what was found."""
     while bench.searcher.ended == Ended.MORE:
