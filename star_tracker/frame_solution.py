@@ -22,7 +22,7 @@ from star_tracker.solution import Solution, SolveSettings, Status, frozen
 #: real sky seen in a mirror has look-alikes along lines of stars (benchmark/wrong_solutions.py).
 _CERTAIN = 8.0
 _SECOND_LOOK = 10.0
-#: Work, in votes, between two looks of Python at the clock: some 0.2 ms, 5 ms at the most where
+#: Work, in votes, between two looks of Python at the clock: some 0.3 ms, 10 ms at the most where
 #: the focal length is told (benchmark/deadline.py).
 _WORK = 20_000.0
 #: Where the stars contradict a focal length that was told as exact, and are farther than this from

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.frame_solution import judged, labelled, received, refused, setup_of
+from star_tracker.geometry.rotation import rotation_matrix
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification import fallback
 from star_tracker.identification.ended import Ended
@@ -67,7 +68,9 @@ class StarTracker:
             searchers[:n_asked], searchers[n_asked:], setup.limits, fallback=candidates,
             primary=self._primary,
         )
-        self.solve(np.zeros((0, 2)))  # compiles the path, which would take a frame's time
+        # Compiles the path and what a predicted solution needs: it would take a frame's time.
+        self.solve(np.zeros((0, 2)))
+        rotation_matrix(np.array([0.0, 0.0, 0.0, 1.0]))
 
     def solve(
         self,

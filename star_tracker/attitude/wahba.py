@@ -211,7 +211,8 @@ def refine(
 ) -> bool:
     """Improve a rotation that nearly fits, in place, by one step of linear least squares.
 
-    The arguments are those of `solve_wahba`. Returns whether the directions fix a rotation.
+    The arguments are those of `solve_wahba`; `catalog` are rows of `icrs`, whatever that holds.
+    Returns whether the directions fix a rotation.
     """
     m = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     gx = gy = gz = 0.0

@@ -14,7 +14,7 @@ class Ended(IntEnum):
         TOO_FEW: fewer than `MIN_STARS` usable centroids.
         NO_ROTATION: the predicted pose is no rotation.
         AMBIGUOUS: the best pose is good enough, and so is another.
-        CONTRADICTED: the best pose is certain, and most of the stars that make it so are gone
+        CONTRADICTED: the best pose is good enough, and most of the stars that make it so are gone
             once it is fitted to them: the camera is another one.
     """
 

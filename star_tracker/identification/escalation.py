@@ -11,21 +11,18 @@ import numpy as np
 from star_tracker.identification.ended import MIN_STARS_OF_A_SCALE, Ended
 from star_tracker.identification.fallback import StarField, Steps
 from star_tracker.identification.labels import StarState
+from star_tracker.identification.progress import POSE_LEAD
 from star_tracker.identification.search import SAME_POSE_RAD, Limits
 from star_tracker.identification.searcher import Searcher, Task
 
 #: Where the parity is known the other one has to fit better by more than rounding to raise doubt.
-#: Where it is not, a solution that is not certain needs this lead over the other parity's; in any
-#: case over other poses of its own.
+#: Where it is not, a solution that is not certain needs this lead over the other parity's.
 _MIRROR_LEAD = 0.01
 _PARITY_LEAD = 4.0
-_POSE_LEAD = 1.0
 #: With both matchers, the share of the deadline after which the primary makes way.
 _PRIMARY_SHARE = 0.5
-_CONTRADICTION = (
-    "the stars contradict the camera: correct its field of view and lens, or give the field of "
-    "view a tolerance (fov_tolerance_percent)"
-)
+#: Ends of a searcher whose pose is not labelled once more.
+_SETTLED = Ended.CERTAIN, Ended.CONTRADICTED
 
 Candidates = Callable[[StarField], Steps]
 
@@ -90,7 +87,7 @@ class Escalation:
             if best.ended != Ended.SOLVED:
                 best.label(task)
             if best.ended == Ended.CONTRADICTED:
-                ended, reason = Ended.EXHAUSTED, _CONTRADICTION
+                ended, reason = Ended.EXHAUSTED, _disagreement(best)
             elif not best.scale_is_told and _n_identified(task) < MIN_STARS_OF_A_SCALE:
                 ended, reason = Ended.EXHAUSTED, (
                     f"{_n_identified(task)} stars agree, {MIN_STARS_OF_A_SCALE} are needed where "
@@ -101,20 +98,25 @@ class Escalation:
     def _weighed(self, best: Searcher, task: Task, *, in_time: bool) -> tuple[Ended, str]:
         """Return how a frame ends that no searcher has solved, and why where its rivals say so."""
         # Found by the fallback, or certain but for the other centroids when the time was up. What
-        # is certain and yet not solved fits in a mirror as well.
-        leads = best.score > best.rival_score + _POSE_LEAD
-        certain = best.score > self._limits.certain and (in_time or best.explains_its_view)
-        if certain and leads and best.ended != Ended.CERTAIN:
+        # is certain and yet not solved fits in a mirror as well, or was labelled already.
+        if best.ended not in _SETTLED and self._is_certain(best, in_time=in_time):
             best.label(task)
         if best.ended == Ended.SOLVED:
             return Ended.SOLVED, ""
         if best.ended == Ended.CONTRADICTED:
-            return Ended.EXHAUSTED, _CONTRADICTION
+            return Ended.EXHAUSTED, _disagreement(best)
         if not in_time:
             return Ended.MORE, ""
         if best.score > self._limits.enough:
             return self._doubt(best, task)
         return Ended.EXHAUSTED, ""
+
+    def _is_certain(self, one: Searcher, *, in_time: bool) -> bool:
+        """Return whether a pose may be labelled that the search has not labelled itself."""
+        return (
+            one.score > max(self._limits.certain, one.rival_score + POSE_LEAD)
+            and (in_time or one.explains_its_view)
+        )
 
     def _search_on(self, task: Task) -> int:
         """Let the primary go on, the fallback have its turn, and the primary what time is left.
@@ -135,8 +137,8 @@ class Escalation:
         n_fallback = 0
         if max(one.score for one in self._asked) <= self._limits.enough:
             n_fallback = self._fall_back(self._fallback, task)
-        unsolved = max(one.score for one in self._asked) <= self._limits.certain
-        if unsolved and time.perf_counter() < task.deadline_s:
+        solved = any(self._is_certain(one, in_time=False) for one in self._asked)
+        if not solved and time.perf_counter() < task.deadline_s:
             self._exhaust(self._asked, task, task.deadline_s)
         return n_fallback
 
@@ -178,7 +180,7 @@ class Escalation:
             one.score if _elsewhere(one, best) else one.rival_score
             for one in self._asked if one.camera.parity == best.camera.parity
         )
-        if rival_score > best.score - _POSE_LEAD:
+        if rival_score > best.score - POSE_LEAD:
             return Ended.AMBIGUOUS, (
                 "two attitudes fit about as well: a frame with more stars tells them apart"
             )
@@ -199,6 +201,16 @@ class Escalation:
                     one.ended = Ended.MORE
                     return sum(n_compared)
         return sum(n_compared)
+
+
+def _disagreement(best: Searcher) -> str:
+    """Say what may be wrong with a camera whose stars do not stay with the pose that they gave."""
+    if best.scale_is_told and best.camera.tolerance_percent == 0:
+        return (
+            "the stars disagree with the camera: correct its field of view and lens, or give the "
+            "field of view a tolerance (fov_tolerance_percent)"
+        )
+    return "the stars disagree with the camera: correct its lens, or calibrate it"
 
 
 def _n_identified(task: Task) -> int:

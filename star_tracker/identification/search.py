@@ -46,6 +46,7 @@ _MANY_MATCHED = 15
 _WORK_OF_A_CELL = 1000.0
 _WORK_OF_A_RUN, _WORK_OF_A_LOOK, _WORK_OF_JUDGING = 10.0, 200.0, 2000.0
 
+
 class Limits(NamedTuple):
     """When a search ends.
 

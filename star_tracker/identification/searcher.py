@@ -146,7 +146,7 @@ class Searcher:
         self.ended = self._done(_GO_ON, task)
 
     def stop_at(self, stop_s: float) -> None:
-        """Go on until a `time.perf_counter` at the most; holds until the next frame."""
+        """Go on until a `time.perf_counter` at the most; holds until told otherwise."""
         if stop_s == self._stop_s:
             return
         self._stop_s = stop_s
@@ -154,9 +154,9 @@ class Searcher:
 
     def judge(self, task: Task, candidate: Candidate) -> bool:
         """Judge a candidate of the fallback; return whether it is certain."""
-        before, progress, k = self.score, self._progress, len(candidate.observed)
-        self.results.proposed[0, :k] = candidate.observed
-        self.results.proposed[1, :k] = candidate.catalog
+        before, progress, proposed = self.score, self._progress, self.results.proposed
+        k = min(len(candidate.observed), proposed.shape[1])  # a centroid may be there twice
+        proposed[0, :k], proposed[1, :k] = candidate.observed[:k], candidate.catalog[:k]
         progress["n_proposed"] = k
         progress["proposed_tolerance_px"] = candidate.tolerance_px
         found = self._done(_JUDGE_MATCH, task)
@@ -165,7 +165,7 @@ class Searcher:
         return found == Ended.CERTAIN
 
     def label(self, task: Task) -> None:
-        """Label the frame with the best pose: SOLVED, or CERTAIN where that tells no parity."""
+        """Label the frame with the best pose: SOLVED, CERTAIN or CONTRADICTED (`verbs.label`)."""
         self.ended = self._done(_LABEL_BEST, task)
 
     def _done(self, verb: int, task: Task) -> Ended:

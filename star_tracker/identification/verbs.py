@@ -31,7 +31,7 @@ from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
 from star_tracker.identification.judge import GATE_TOLERANCES
 from star_tracker.identification.labels import StarState, label_frame
-from star_tracker.identification.progress import forget, wrong_probability
+from star_tracker.identification.progress import POSE_LEAD, forget, wrong_probability
 from star_tracker.identification.search import certain, judge_and_keep, search
 from star_tracker.identification.symmetry import fits_in_mirror
 from star_tracker.optics.frame import fill_frame, see_at_scale
@@ -101,8 +101,9 @@ def go_on(engine: Any, labels: NDArray[np.void]) -> int:
     """Search on, within the budget of work; label the frame where that makes a pose certain.
 
     Returns MORE, EXHAUSTED, CERTAIN (of a pose that has to face its rivals yet: it is no more than
-    enough, or fits in a mirror as well) or SOLVED.
+    enough, or fits in a mirror as well), SOLVED or CONTRADICTED.
     """
+    engine.matches.n_settled = 0  # engines share the matches: another one may have judged since
     return _labelled(engine, labels, search(engine))
 
 
@@ -209,7 +210,9 @@ def track(engine: Any, xy_px: Floats, intensity: Floats, labels: NDArray[np.void
 def _labelled(engine: Any, labels: NDArray[np.void], ended: int) -> int:
     """Label a frame whose search has ended with a pose that needs no second look."""
     progress = engine.progress[0]
-    if ended not in (Ended.EXHAUSTED, Ended.CERTAIN) or progress.score <= engine.limits.certain:
+    if ended not in (Ended.EXHAUSTED, Ended.CERTAIN):
+        return ended
+    if progress.score <= max(engine.limits.certain, progress.rival_score + POSE_LEAD):
         return ended
     if progress.n_since_best > 0:  # the pose judged last is not the best one
         engine.matches.n_settled = 0

@@ -47,7 +47,8 @@ class Scripted:
 
     def __init__(self, bench, name, steps, *, parity="normal", rival=-math.inf, rotation=HERE):
         self._bench, self._name, self._steps = bench, name, [*steps]
-        self.camera, self.scale_is_told = SimpleNamespace(parity=parity), True
+        self.camera = SimpleNamespace(parity=parity, tolerance_percent=0.0)
+        self.scale_is_told = True
         self.rival_score, self.rotation, self.n_hypotheses = rival, rotation, 100
         self.labelled_as, self.explains_its_view = Ended.SOLVED, True
         self.certain = 0.0  # from which evidence a candidate of the fallback is certain
@@ -304,9 +305,29 @@ def test_a_pose_that_its_own_stars_contradict_is_none(bench, score):
     verdict = run(bench, [one], [bench.searcher("mirror", EXHAUSTED, parity="mirrored")])
     assert verdict.ended == Ended.EXHAUSTED
     assert verdict.reason == (
-        "the stars contradict the camera: correct its field of view and lens, or give the field "
-        "of view a tolerance (fov_tolerance_percent)"
+        "the stars disagree with the camera: correct its field of view and lens, or give the "
+        "field of view a tolerance (fov_tolerance_percent)"
     )
+
+
+def test_a_pose_that_the_search_itself_found_contradicted_is_not_labelled_again(bench):
+    one = bench.searcher("one", (Ended.CONTRADICTED, 20.0)).begun()
+    one.camera.tolerance_percent = 5.0
+    verdict = run(bench, [one])
+    assert verdict.ended == Ended.EXHAUSTED
+    assert verdict.reason == (
+        "the stars disagree with the camera: correct its lens, or calibrate it"
+    )
+    assert bench.done == []
+
+
+def test_the_time_that_is_left_is_used_where_a_part_of_the_image_is_all_that_is_explained(bench):
+    """The primary makes way at half of the deadline; its pose is none to be content with."""
+    one = bench.searcher("one", *[(Ended.MORE, 15.0)] * 11, (Ended.EXHAUSTED, 15.0)).begun()
+    one.explains_its_view = False
+    verdict = run(bench, [one], deadline_ms=12.0, fallback=lambda field: [])
+    assert verdict.ended == Ended.SOLVED
+    assert bench.done == ["one goes on"] * 11 + ["one labels"]
 
 
 def test_a_mirror_image_that_is_not_searched_to_the_end_is_a_timeout(bench):

@@ -160,6 +160,13 @@ def test_the_judge_says_whether_a_match_is_certain(n, certain):
     assert found == certain == (bench.searcher.score > 8)
 
 
+def test_of_more_matches_than_there_is_room_for_the_first_are_judged():
+    """A matcher may list a centroid with each of several guide stars."""
+    bench = bench_at(PLACES, PLACES)
+    often = np.tile(np.arange(10), 150)
+    assert bench.searcher.judge(bench.task, Candidate(bench.places(often), often, 2.0))
+
+
 def test_three_matched_stars_bring_in_the_others():
     three, every = (judged(PLACES, PLACES, n) for n in (3, 10))
     assert three.score == pytest.approx(every.score, abs=1e-6)

@@ -112,9 +112,8 @@ def test_no_kind_of_array_is_compiled_for_anew(database, many, other):
     assert len(act.overloads) == before
 
 
-
-#: Frames that end in each way, in a process of their own; prints how they ended, and the functions
-#: that were compiled, or loaded from the cache, after the trackers were made.
+#: Frames that end in each way, in a process of their own; prints how they ended, and how often
+#: something was compiled, or loaded from the cache, after the trackers were made.
 FRAMES = """
 import math
 import numpy as np
@@ -136,7 +135,7 @@ known, both = tracker(camera), tracker(camera.with_parity("auto"), max_centroids
 fallback = tracker(camera, method="radial_cyclic")
 untold = AnyCameraTracker(ladder((10.0, 14.0), (512, 512)), SolveSettings(deadline_ms=math.inf))
 late = event.RecordingListener()
-event.register("numba:compile", late)
+event.register("numba:compiler_lock", late)  # each function takes it that is not there yet
 found = known.solve(xy)
 solutions = [
     found, known.solve(xy, predicted=found), known.solve(noise), known.solve(noise[:2]),
@@ -144,7 +143,7 @@ solutions = [
     both.solve(crowd, 1.0 + np.arange(60.0)), fallback.solve(xy), untold.solve(xy),
 ]
 print(*(one.status.value for one in solutions))
-print(*(one.data["dispatcher"].py_func.__name__ for _, one in late.buffer if one.is_start))
+print(sum(one.is_start for _, one in late.buffer))
 """
 
 
@@ -157,4 +156,4 @@ def test_nothing_is_compiled_while_a_frame_waits():
         "SOLVED", "SOLVED", "NO_MATCH", "TOO_FEW_STARS", "SOLVED", "TIMEOUT", "NO_MATCH",
         "SOLVED", "SOLVED",
     ]
-    assert compiled == ""
+    assert compiled == "0"

@@ -219,7 +219,19 @@ def test_votes_are_cleared(most):
     clear(votes)
     assert not votes.low.any()
     assert not votes.high.any()
-    assert (votes.n_carried, votes.n_reached) == (0, 0)
+    assert (votes.n_touched, votes.n_carried, votes.n_reached) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("most", [3, 100])
+def test_votes_of_a_whole_sky_are_cleared(most):
+    """Of fewer stars than are remembered, and of more."""
+    table, votes = rows_at_random(np.random.default_rng(33), 4000, 40, most)
+    let_vote(table, votes, 0, 40, 3)
+    n = np.count_nonzero(votes.low.any(axis=1))
+    assert n == votes.n_touched if most == 3 else n > 1024
+    clear(votes)
+    assert not votes.low.any()
+    assert votes.n_touched == 0
 
 
 def test_votes_after_a_clearing_are_those_of_the_next_star_only(figure):
