@@ -41,8 +41,8 @@ class CalibratedFrames:
     Attributes:
         estimate: the camera with standard errors.
         before: the camera as it was told, or found in the first frame.
-        center_px: standard errors (2,) of the principal point, also where the stars did not show
-            another one and it stayed; None where it was not asked for.
+        center_error_px: standard errors (2,) of the principal point, also where the stars did not
+            show another one and it stayed; None where it was not asked for.
         rms_before_px, rms_after_px: root mean square residual of the same stars with either, the
             attitudes fitted anew.
         n_stars: of all frames that went in.
@@ -52,7 +52,7 @@ class CalibratedFrames:
 
     estimate: CameraEstimate
     before: Camera
-    center_px: Floats | None
+    center_error_px: Floats | None
     rms_before_px: float
     rms_after_px: float
     n_stars: int
@@ -79,10 +79,10 @@ def calibrate_frames(
         )
     first = solutions[solved[0]].camera
     before = first if told is None or first is None else told.with_parity(first.parity)
-    sky, center_px = {i: (frames[i], solutions[i]) for i in solved}, None
+    sky, center_error_px = {i: (frames[i], solutions[i]) for i in solved}, None
     estimate, matches = _fitted(tracker.camera, sky, before if principal_point else None)
     if principal_point and before is not None:
-        center_px = estimate.standard_errors[-len(CENTER):]
+        center_error_px = estimate.standard_errors[-len(CENTER):]
         if not _is_another(estimate, before):
             estimate, matches = _fitted(tracker.camera, sky, None)
     if before is None or not matches:
@@ -91,7 +91,7 @@ def calibrate_frames(
         )
     found = list(matches.values())
     return CalibratedFrames(
-        estimate, before, center_px, _rms_px(before, found), _rms_px(estimate.camera, found),
+        estimate, before, center_error_px, _rms_px(before, found), _rms_px(estimate.camera, found),
         sum(len(xy) for xy, _ in found),
         np.array([i in matches for i in range(len(frames))]), tuple(solutions),
     )

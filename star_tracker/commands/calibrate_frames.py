@@ -113,11 +113,11 @@ def _lens(camera: Camera) -> tuple[float, ...]:
 def _about_center(found: CalibratedFrames) -> str:
     """Return what is to be said of the principal point, empty where it was fitted."""
     stays = "; the principal point stays where it was told"
-    if found.center_px is None:
+    if found.center_error_px is None:
         return stays
     if CENTER[0] in found.estimate.names:
         return ""
-    x, y = found.center_px
+    x, y = found.center_error_px
     return f"{stays}: the stars, which tell it to {x:.1f} and {y:.1f} px, show no other"
 
 

@@ -77,10 +77,10 @@ def test_a_principal_point_that_is_off_is_found_where_that_is_asked_for():
     moved = np.subtract((camera.cx_px, camera.cy_px), (true.cx_px, true.cy_px))
     assert np.all(np.abs(moved) < 4 * errors)
     assert np.all(errors < 1.0)
-    np.testing.assert_array_equal(fitted.center_px, errors)
+    np.testing.assert_array_equal(fitted.center_error_px, errors)
     assert fitted.rms_after_px == pytest.approx(NOISE_PX * np.sqrt(2), rel=0.15)
     assert fitted.rms_after_px < 0.75 * kept.rms_after_px
-    assert (kept.center_px, kept.estimate.camera.cx_px) == (None, SIZE_PX[0] / 2)
+    assert (kept.center_error_px, kept.estimate.camera.cx_px) == (None, SIZE_PX[0] / 2)
     told = [replace(one.estimate.camera, tolerance_percent=0.0) for one in (kept, fitted)]
     for xy, rotation in several[:4]:
         before, after = (off_deg(tracker(one).solve(xy), rotation) for one in told)
@@ -95,7 +95,7 @@ def test_a_principal_point_that_the_stars_do_not_show_stays():
     )
     assert fitted.estimate.camera == kept.estimate.camera
     assert fitted.estimate.names == kept.estimate.names
-    assert np.all(fitted.center_px > 2.0)
+    assert np.all(fitted.center_error_px > 2.0)
     camera = replace(fitted.estimate.camera, tolerance_percent=0.0)
     for xy, rotation in several:
         solution = tracker(camera).solve(xy)
