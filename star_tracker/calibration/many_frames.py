@@ -70,7 +70,7 @@ def calibrate_frames(
 
     Raises ValueError where no frame is solved, or none agrees with the others.
     """
-    told, first = tracker.camera, None
+    told = tracker.camera
     solutions = _solved(tracker, frames)
     solved = [i for i, one in enumerate(solutions) if one.status is Status.SOLVED]
     if not solved or tracker.camera is None:

@@ -21,9 +21,7 @@ from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.triangles import TriangleTable
 from star_tracker.commands.options import add_json_argument
 from star_tracker.compiled import CacheState, cache_state, mark_warm
-from star_tracker.identification.searcher import METHODS
 from star_tracker.maps.star_map import paper_maps
-from star_tracker.solution import SolveSettings
 from star_tracker.tracker import StarTracker
 
 #: Between two lines of progress, s.
@@ -76,17 +74,12 @@ def exercise_solver() -> str:
     What is not run here would be compiled, or loaded, while a frame waits. Returns what was wrong
     with the cache of the features that it used, empty for nothing.
     """
-    star_map, doubtful = paper_maps((1, 3))
+    (star_map,) = paper_maps((1,))
     database, camera = FeatureDatabase.cached(StarCatalog.paper()), star_map.camera
-    tracker = StarTracker(database, camera)
-    found = tracker.solve(star_map.xy_px)
-    tracker.solve(star_map.xy_px, predicted=found)
+    found = StarTracker(database, camera).solve(star_map.xy_px)
     taught = StreamNoise()
     for _ in range(4):
         taught.add(found)
-    tracker.solve(doubtful.xy_px)  # it has to hold out against rivals and the mirror image
-    for method in METHODS:
-        StarTracker(database, camera, SolveSettings(method=method)).solve(star_map.xy_px)
     camera.pixels(camera.vectors(star_map.xy_px))
     learnt = CameraEstimator(camera, tolerance=0.01)
     each = np.arange(len(star_map.xy_px))
