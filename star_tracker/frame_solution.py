@@ -1,19 +1,23 @@
 """Between what a user gives and gets and what the searchers work with: one frame each way."""
 
 import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from star_tracker.attitude.attitude import Attitude
+from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.ended import MIN_STARS, Ended
+from star_tracker.identification.engine import parts_of
 from star_tracker.identification.escalation import Verdict
 from star_tracker.identification.labels import LABEL, Identification
 from star_tracker.identification.search import Limits
 from star_tracker.identification.searcher import METHODS, Sample, Searcher, Task
 from star_tracker.identification.setup import Setup
-from star_tracker.solution import Solution, SolveSettings, Status, frozen
+from star_tracker.optics.camera import Camera
+from star_tracker.solution import Solution, SolveSettings, Status
 
 #: Decades of evidence that end the search at once, where half of the centroids are matched (else
 #: it takes twice as many: a cluster can carry a pose whose roll is off). Weaker evidence that is
@@ -142,43 +146,55 @@ def _unsolved(task: Task, status: Status, reason: str, verdict: Verdict) -> Solu
 
 def labelled(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
     """Return the solution of a labelled frame: none where its stars contradict the camera told."""
-    labels, results = task.all_labels, searcher.results
-    (
-        n_usable, ra, dec, roll, rms_px, scale, variance_px2, scale_variance, wrong_probability,
-        score,
-    ) = results.outcome.item()
-    camera = searcher.camera
-    fitted = scale != 1.0 and rms_px > _CONTRADICTED_PX
-    if fitted and searcher.scale_is_told and camera.tolerance_percent == 0:
+    if searcher.scale != 1.0 and _is_contradicted(searcher):
         return _unsolved(
-            task, Status.NO_MATCH, _contradiction(searcher, scale),
+            task, Status.NO_MATCH, _contradiction(searcher),
             Verdict(Ended.EXHAUSTED, searcher, n_hypotheses),
         )
-    return frozen(
-        Solution, status=Status.SOLVED, reason="identified",
-        identification=frozen(
-            Identification, catalog_index=labels["catalog_index"], state=labels["state"],
-            residual_px=labels["residual_px"],
-        ),
-        attitude=frozen(
-            Attitude, quaternion_xyzw=results.quaternion.copy(),
-            covariance_rad2=results.covariance.copy(), ra_rad=ra, dec_rad=dec, roll_rad=roll,
-        ),
-        method=searcher.method, parity=camera.parity,
-        wrong_probability=wrong_probability, log10_false_alarms=-score,
-        rms_px=rms_px, n_hypotheses=n_hypotheses, n_ignored=task.n_ignored(n_usable),
-        n_surplus=task.n_surplus, solve_ms=task.elapsed_ms, mode=searcher.mode,
-        told_camera=camera, scale=scale,
-        focal_length_error=scale_variance**0.5, centroid_sigma_px=variance_px2**0.5,
-        catalog=searcher.catalog,
+    return Solution.later(
+        _fields, task, searcher.camera, searcher.catalog, searcher.results.numbers.copy(),
+        status=Status.SOLVED, method=searcher.method, mode=searcher.mode,
+        n_hypotheses=n_hypotheses, solve_ms=task.elapsed_ms,
     )
 
 
-def _contradiction(searcher: Searcher, scale: float) -> str:
+def _fields(
+    task: Task, camera: Camera, catalog: StarCatalog, numbers: Floats
+) -> dict[str, Any]:
+    """Return the fields of a solution that `labelled` has not filled in."""
+    outcome, quaternion, covariance = parts_of(numbers)
+    (
+        n_usable, ra, dec, roll, rms_px, scale, variance_px2, scale_variance, wrong_probability,
+        score,
+    ) = outcome.item()
+    labels = task.all_labels
+    return {
+        "reason": "identified",
+        "identification": Identification(
+            labels["catalog_index"], labels["state"], labels["residual_px"]
+        ),
+        "attitude": Attitude(quaternion, covariance, ra, dec, roll),
+        "parity": camera.parity,
+        "wrong_probability": wrong_probability, "log10_false_alarms": -score, "rms_px": rms_px,
+        "n_ignored": task.n_ignored(n_usable), "n_surplus": task.n_surplus,
+        "told_camera": camera, "scale": scale, "focal_length_error": scale_variance**0.5,
+        "centroid_sigma_px": variance_px2**0.5, "catalog": catalog,
+    }
+
+
+def _is_contradicted(searcher: Searcher) -> bool:
+    """Return whether the stars are at odds with the camera as told and with any other."""
+    return (
+        searcher.scale_is_told and searcher.camera.tolerance_percent == 0
+        and searcher.results.outcome["rms_px"][0] > _CONTRADICTED_PX
+    )
+
+
+def _contradiction(searcher: Searcher) -> str:
     """Say that the camera as told is not the one that took the frame."""
-    told = searcher.camera
+    told, fits = searcher.camera, searcher.camera.scaled(searcher.scale)
     return (
         f"the stars contradict the field of view of {told.fov_deg:.4g} deg, about "
-        f"{told.scaled(scale).fov_deg:.3g} deg fits better: correct fov_deg, or give it a "
+        f"{fits.fov_deg:.3g} deg fits better: correct fov_deg, or give it a "
         "tolerance (fov_tolerance_percent)"
     )

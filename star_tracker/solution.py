@@ -1,9 +1,9 @@
 """What the user asks of a frame's solution, and what comes back."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from functools import cached_property
 from typing import Any, TypeVar
 
 from star_tracker.attitude.attitude import Attitude
@@ -15,7 +15,7 @@ from star_tracker.identification.labels import Identification
 from star_tracker.identification.searcher import LOST_IN_SPACE, METHODS
 from star_tracker.optics.camera import Camera
 
-_Kind = TypeVar("_Kind")
+_Kind = TypeVar("_Kind", bound="_UnpackedLate")
 #: A standard error below this part of what was known beforehand comes from the stars.
 _NEWS = 0.7
 #: Allowed values of the settings, both ends included.
@@ -77,8 +77,41 @@ class SolveSettings:
             raise ValueError(f"max_centroids must be at least {MIN_STARS}")
 
 
-@dataclass(frozen=True)
-class Solution:
+class _UnpackedLate:
+    """An object whose fields are worked out when one of them is first read.
+
+    To make the parts of a solution takes about as long as to find a clear one, and many a user
+    reads some of them alone.
+    """
+
+    __slots__ = ("_late",)
+    _late: tuple[Callable[..., dict[str, Any]], tuple[Any, ...]] | None
+
+    @classmethod
+    def later(
+        cls: type[_Kind], unpack: Callable[..., dict[str, Any]], *packed: Any, **known: Any
+    ) -> _Kind:
+        """Return an object with some fields; `unpack(*packed)` returns all of the others."""
+        made = object.__new__(cls)
+        for name, value in known.items():
+            object.__setattr__(made, name, value)
+        object.__setattr__(made, "_late", (unpack, packed))
+        return made
+
+    def __getattr__(self, name: str) -> Any:
+        """Work out the fields: this is called for one that is not there yet."""
+        if name not in type(self).__slots__:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        late = self._late
+        if late is not None:  # else another thread has just been through here
+            for field_name, value in late[0](*late[1]).items():
+                object.__setattr__(self, field_name, value)
+            object.__setattr__(self, "_late", None)
+        return object.__getattribute__(self, name)
+
+
+@dataclass(frozen=True, slots=True)
+class Solution(_UnpackedLate):
     """What one frame gave.
 
     Attributes:
@@ -128,7 +161,7 @@ class Solution:
     centroid_sigma_px: float = float("nan")
     catalog: StarCatalog | None = None
 
-    @cached_property
+    @property
     def camera(self) -> Camera | None:
         """The camera as found: the told one with the focal length that the stars show."""
         if self.told_camera is None or self.scale == 1.0:
@@ -142,10 +175,3 @@ class Solution:
         if told is None or not self.focal_length_error > 0:
             return False
         return self.focal_length_error < _NEWS * (told.tolerance_percent / 100 or math.inf)
-
-
-def frozen(kind: type[_Kind], **values: Any) -> _Kind:
-    """Return a frozen dataclass with all its fields, in a fifth of the time of its constructor."""
-    made = object.__new__(kind)
-    object.__setattr__(made, "__dict__", values)
-    return made

@@ -51,6 +51,7 @@ OUTCOME = np.dtype([
     ("variance_px2", np.float64), ("scale_variance", np.float64),
     ("wrong_probability", np.float64), ("score", np.float64),
 ])
+_N_OUTCOME = OUTCOME.itemsize // 8
 
 
 class Sizes(NamedTuple):
@@ -63,12 +64,17 @@ class Sizes(NamedTuple):
 
 
 class Results(NamedTuple):
-    """The arrays that an engine and Python both read and write; see `Engine`."""
+    """The arrays that an engine and Python both read and write; see `Engine`.
+
+    `outcome`, `quaternion` and `covariance` lie side by side in `numbers`, which keeps them of a
+    frame in one copy (`parts_of`).
+    """
 
     progress: NDArray[np.void]
     proposed: NDArray[np.int64]
     vectors: Floats
     rotation: Floats
+    numbers: Floats
     outcome: NDArray[np.void]
     quaternion: Floats
     covariance: Floats
@@ -78,10 +84,19 @@ class Results(NamedTuple):
         """Return results of nothing, with room for so many centroids."""
         progress = np.zeros(1, PROGRESS)
         progress["stop_s"] = np.inf
+        numbers = np.zeros(_N_OUTCOME + 4 + 9)
         return cls(
             progress, np.empty((2, n_centroids), np.int64), np.empty((n_centroids, 3)),
-            np.eye(3), np.zeros(1, OUTCOME), np.zeros(4), np.zeros((3, 3)),
+            np.eye(3), numbers, *parts_of(numbers),
         )
+
+
+def parts_of(numbers: Floats) -> tuple[NDArray[np.void], Floats, Floats]:
+    """Return the outcome (1,), quaternion (4,) and covariance (3, 3) that lie in `numbers`."""
+    end = _N_OUTCOME + 4
+    return (
+        numbers[:_N_OUTCOME].view(OUTCOME), numbers[_N_OUTCOME:end], numbers[end:].reshape(3, 3)
+    )
 
 
 @compiled

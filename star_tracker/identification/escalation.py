@@ -21,7 +21,9 @@ _MIRROR_LEAD = 0.01
 _PARITY_LEAD = 4.0
 #: With both matchers, the share of the deadline after which the primary makes way.
 _PRIMARY_SHARE = 0.5
-#: Ends of a searcher whose pose is not labelled once more.
+#: Ends of a searcher whose best pose has been labelled with success or without, and those of one
+#: that was labelled as far as it goes without its rivals.
+_LABELLED = Ended.SOLVED, Ended.CONTRADICTED
 _SETTLED = Ended.CERTAIN, Ended.CONTRADICTED
 
 Candidates = Callable[[StarField], Steps]
@@ -79,37 +81,43 @@ class Escalation:
             one.ended != Ended.MORE for one in begun
         )
         ended, reason = self._weighed(best, task, in_time=in_time)
-        if ended == Ended.EXHAUSTED:
+        if ended == Ended.SOLVED:
+            ended, reason = self._labelled(best, task)
+        elif ended == Ended.EXHAUSTED:
             reason = reason or found
         elif ended == Ended.MORE:
             reason = f"deadline {task.deadline_ms:g} ms passed, {found}"
-        if ended == Ended.SOLVED:
-            if best.ended != Ended.SOLVED:
-                best.label(task)
-            if best.ended == Ended.CONTRADICTED:
-                ended, reason = Ended.EXHAUSTED, _disagreement(best)
-            elif not best.scale_is_told and _n_identified(task) < MIN_STARS_OF_A_SCALE:
-                ended, reason = Ended.EXHAUSTED, (
-                    f"{_n_identified(task)} stars agree, {MIN_STARS_OF_A_SCALE} are needed where "
-                    "the field of view is not known"
-                )
         return Verdict(ended, best, n_hypotheses, reason)
 
     def _weighed(self, best: Searcher, task: Task, *, in_time: bool) -> tuple[Ended, str]:
-        """Return how a frame ends that no searcher has solved, and why where its rivals say so."""
+        """Return how the best pose of no searcher that has solved the frame compares with others.
+
+        SOLVED where it beats them all; a sentence where its rivals say why not.
+        """
         # Found by the fallback, or certain but for the other centroids when the time was up. What
         # is certain and yet not solved fits in a mirror as well, or was labelled already.
         if best.ended not in _SETTLED and self._is_certain(best, in_time=in_time):
             best.label(task)
-        if best.ended == Ended.SOLVED:
+        if best.ended in _LABELLED:
             return Ended.SOLVED, ""
-        if best.ended == Ended.CONTRADICTED:
-            return Ended.EXHAUSTED, _disagreement(best)
         if not in_time:
             return Ended.MORE, ""
         if best.score > self._limits.enough:
             return self._doubt(best, task)
         return Ended.EXHAUSTED, ""
+
+    def _labelled(self, best: Searcher, task: Task) -> tuple[Ended, str]:
+        """Label a frame with the pose that has beaten all others, if its stars stay with it."""
+        if best.ended not in _LABELLED:
+            best.label(task)
+        if best.ended == Ended.CONTRADICTED:
+            return Ended.EXHAUSTED, _disagreement(best)
+        if not best.scale_is_told and _n_identified(task) < MIN_STARS_OF_A_SCALE:
+            return Ended.EXHAUSTED, (
+                f"{_n_identified(task)} stars agree, {MIN_STARS_OF_A_SCALE} are needed where "
+                "the field of view is not known"
+            )
+        return Ended.SOLVED, ""
 
     def _is_certain(self, one: Searcher, *, in_time: bool) -> bool:
         """Return whether a pose may be labelled that the search has not labelled itself."""

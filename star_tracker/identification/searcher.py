@@ -108,8 +108,8 @@ class Searcher:
     """
 
     __slots__ = (
-        "_engine", "_progress", "_stop_s", "camera", "catalog", "ended", "method", "mode",
-        "results", "scale_is_told",
+        "_engine", "_progress", "_scale", "_stop_s", "camera", "catalog", "ended", "method",
+        "mode", "results", "scale_is_told",
     )
 
     def __init__(
@@ -119,6 +119,7 @@ class Searcher:
         self.scale_is_told = scale_is_told
         self.camera, self.catalog, self._engine, self.results = camera, catalog, engine, results
         self._progress = results.progress[0]  # the record itself, not a copy of it
+        self._scale = results.outcome["scale"]
         self._stop_s = math.inf
         self.ended, self.method, self.mode = Ended.MORE, METHODS[0], LOST_IN_SPACE
 
@@ -185,6 +186,11 @@ class Searcher:
     def n_usable(self) -> int:
         """Centroids that are finite and in the image."""
         return int(self.results.outcome["n_usable"][0])
+
+    @property
+    def scale(self) -> float:
+        """The focal length of the labelled pose as a multiple of the told one."""
+        return float(self._scale[0])
 
     @property
     def score(self) -> float:

@@ -1,13 +1,16 @@
 """The whole path: how frames end, what is reported, and what is refused."""
 
+import copy
 import math
+import pickle
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from engines import CAMERA, database_at, folding_lens
 from scipy.stats import chi2, f
-from solutions import PATIENT, THRESHOLD, assert_unsolved
+from solutions import PATIENT, THRESHOLD, assert_unsolved, record
 
 from star_tracker.attitude.attitude import covariance
 from star_tracker.geometry.rotation import rotation_from_boresight
@@ -102,6 +105,25 @@ def test_the_order_of_the_centroids_does_not_matter(tracker, frame):
         second.identification.residual_px, first.identification.residual_px[order], atol=1e-8
     )
     np.testing.assert_allclose(second.attitude.rotation, first.attitude.rotation, atol=1e-12)
+
+
+def test_a_solution_read_late_is_that_of_its_own_frame(tracker, frame):
+    first, again = tracker.solve(frame.xy_px), tracker.solve(frame.xy_px)
+    assert again.attitude is again.attitude  # read before another frame comes
+    other = tracker.solve(frame.xy_px[2:])
+    assert record(first) == record(again) != record(other)
+
+
+@pytest.mark.parametrize("copied", [
+    copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one)), replace,
+], ids=["copy", "deepcopy", "pickle", "replace"])
+def test_a_solution_that_nobody_has_read_can_be_copied(tracker, frame, copied):
+    assert record(copied(tracker.solve(frame.xy_px))) == record(tracker.solve(frame.xy_px))
+
+
+def test_a_solution_names_what_it_does_not_have(tracker, frame):
+    with pytest.raises(AttributeError, match=r"^'Solution' object has no attribute 'atitude'$"):
+        tracker.solve(frame.xy_px).atitude  # noqa: B018
 
 
 def test_a_second_frame_is_not_influenced_by_the_first(tracker, frame):
