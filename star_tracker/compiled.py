@@ -19,6 +19,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -157,9 +158,15 @@ def struct(name: str, module: str, fields: tuple[str, ...]) -> tuple[Any, Any]:
     def widened(_: Any, typed: Any) -> Any:
         return tuple((field, types.unliteral(kind)) for field, kind in typed)
 
-    kind = type(
-        f"{name}Type", (types.StructRef,), {"__module__": module, "preprocess_fields": widened}
-    )
+    def named(self: Any, typed: Any) -> None:
+        types.StructRef.__init__(self, typed)
+        # Its own name spells all fields out, and stands in that of each function that it is handed
+        # to: the path had a megabyte of names for 130 kB of code.
+        self.name = f"{module}.{name}-{sha256(self.name.encode()).hexdigest()[:16]}"
+
+    kind = type(f"{name}Type", (types.StructRef,), {
+        "__module__": module, "__init__": named, "preprocess_fields": widened,
+    })
     readers: dict[str, Any] = {field: property(_reader(field)) for field in fields}
     proxy = type(name, (structref.StructRefProxy,), {"__module__": module, **readers})
     structref.define_proxy(proxy, structref.register(kind), list(fields))
