@@ -1,24 +1,27 @@
 """Clouds and cameras that nobody should send, and frames of centroids that no sky shows.
 
-`FUZZ_CASES=100000` in the environment runs so many cases instead of those of continuous
-integration; `FUZZ_SEED` another sequence of them.
+`FUZZ_CASES=100000` in the environment runs so many cases in the slow tests instead of those of
+continuous integration; `FUZZ_SEED` another sequence of them.
 """
 
 import array
 import os
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis import strategies as st
 from sensor_msgs.msg import CameraInfo, PointCloud2, PointField, RegionOfInterest
 from std_msgs.msg import Header
 
-#: Cases of each fuzz test in continuous integration.
+#: Cases of a fuzz test where it need not be slow.
+FEW_CASES = 300
+#: Cases of each slow fuzz test in continuous integration.
 CASES = int(os.environ.get("FUZZ_CASES", "2000"))
 SEED = int(os.environ.get("FUZZ_SEED", "6"))
 #: Without a database of examples and with one seed: each run is the same.
 _SETTINGS = settings(
-    max_examples=CASES, deadline=None, database=None, phases=(Phase.generate, Phase.shrink),
+    max_examples=FEW_CASES, deadline=None, database=None, phases=(Phase.generate, Phase.shrink),
     suppress_health_check=list(HealthCheck),
 )
 
@@ -33,14 +36,18 @@ NAMES = st.one_of(
 )
 
 
-def fuzzed(test):
-    """Run a test on `CASES` cases that are the same in each run."""
-    return seed(SEED)(_SETTINGS(test))
+#: A test of few cases, and the same one of many, which is slow.
+few_or_many = pytest.mark.parametrize(
+    "n_cases", [FEW_CASES, pytest.param(CASES, marks=pytest.mark.slow)], ids=["few", "many"]
+)
 
 
-def few(test):
-    """Run a test on some hundred cases, however many the others get."""
-    return seed(SEED)(settings(_SETTINGS, max_examples=300)(test))
+def fuzzed(n_cases):
+    """Run a test on so many cases, which are the same in each run."""
+    return lambda test: seed(SEED)(settings(_SETTINGS, max_examples=n_cases)(test))
+
+
+few = fuzzed(FEW_CASES)
 
 
 def _right(draw, *, sound):

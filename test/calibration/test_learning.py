@@ -21,7 +21,9 @@ from star_tracker.tracker import StarTracker
 
 SIZE_PX = (512, 512)
 SETTINGS = SolveSettings(deadline_ms=60_000.0)
-SKY, BRIGHT_SKY = (StarCatalog.hipparcos(limiting_magnitude=v) for v in (6.5, 5.0))
+SKY, BRIGHT_SKY, BRIGHTEST_SKY = (
+    StarCatalog.hipparcos(limiting_magnitude=v) for v in (6.5, 5.0, 4.5)
+)
 
 
 @lru_cache
@@ -99,7 +101,9 @@ def test_a_wide_lens_that_bends_is_learnt_from_nothing():
 def test_a_camera_told_far_off_is_given_up_after_some_frames():
     true = Camera.from_fov(30.0, *SIZE_PX)
     learnt = tracker(Camera.from_fov(20.0, *SIZE_PX, tolerance_percent=5.0))
-    ended = [learnt.solve(xy).status for xy, _ in frames(true, learning._PATIENCE + 1)]
+    # Each frame is searched to its end, in vain: stars that any camera sees are enough.
+    seen = frames(true, learning._PATIENCE + 1, sky=BRIGHTEST_SKY)
+    ended = [learnt.solve(xy).status for xy, _ in seen]
     assert ended[-2:] == [Status.SOLVED] * 2
     assert "instead of 20 deg: correct fov_deg, or the lens has changed" in learnt.news[0]
 
@@ -121,7 +125,8 @@ def test_an_exact_camera_is_taken_at_its_word_and_the_hint_says_what_the_stars_s
 def test_a_told_parity_that_is_wrong_is_named_where_the_camera_is_learnt_too():
     true = Camera.from_fov(20.0, *SIZE_PX)
     learnt = tracker(Camera.from_fov(20.0, *SIZE_PX, parity="mirrored", tolerance_percent=5.0))
-    assert learnt.solve(frames(true, 1)[0][0]).status is not Status.SOLVED
+    (xy, _), = frames(true, 1, sky=BRIGHT_SKY)
+    assert learnt.solve(xy).status is not Status.SOLVED
     assert learnt.hint == "image looks mirrored: parity normal solves it"
 
 
@@ -130,7 +135,7 @@ def test_a_longer_search_is_worth_while_now_and_then():
     learnt, worth = tracker(camera), []
     rng = np.random.default_rng(2)
     for _ in range(21):
-        assert learnt.solve(uniform_noise(camera, 8, rng)).status is not Status.SOLVED
+        assert learnt.solve(uniform_noise(camera, 5, rng)).status is not Status.SOLVED
         worth.append(learnt.at_a_loss)
     # Before the 20th.
     assert [i + 2 for i, value in enumerate(worth) if value] == [20]

@@ -115,6 +115,7 @@ def test_the_demo_finds_all_141_stars_in_real_processes():
     assert re.search(r"^1 rendered image: (\d+) of \1 labels right$", done.stdout, re.MULTILINE)
 
 
+@pytest.mark.slow
 @starts_nodes
 def test_the_demo_fails_where_a_label_is_made_wrong_on_purpose(tmp_path):
     folder = tmp_path / "maps"
@@ -137,7 +138,9 @@ def test_the_demo_says_in_one_line_that_a_folder_has_no_maps(tmp_path):
 
 
 @starts_nodes
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_interrupted_demo_ends_without_a_traceback(number):
     # A group of its own: a terminal's Ctrl-C goes to the nodes too.
     with (

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("hypothesis", reason="needs hypothesis: pip install hypothesis")
 
-from fuzz_clouds import CASES, camera_infos, clouds, few, fuzzed, garbage
+from fuzz_clouds import camera_infos, clouds, few, few_or_many, fuzzed, garbage
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -64,10 +64,11 @@ def read(message):
     return centroids
 
 
-def test_any_cloud_is_read_or_refused_in_a_sentence():
+@few_or_many
+def test_any_cloud_is_read_or_refused_in_a_sentence(n_cases):
     outcomes = Counter()
 
-    @fuzzed
+    @fuzzed(n_cases)
     @given(message=clouds())
     def each(message):
         started = time.process_time()
@@ -78,7 +79,7 @@ def test_any_cloud_is_read_or_refused_in_a_sentence():
     each()
     print(outcomes)
     # Neither side is left out, or the fuzz would tell little.
-    assert min(outcomes[key] for key in ("refused", "empty", "read")) > 0.02 * CASES, outcomes
+    assert min(outcomes[key] for key in ("refused", "empty", "read")) > 0.02 * n_cases, outcomes
 
 
 @few
@@ -106,10 +107,11 @@ def judge(tracker, xy_px, intensity):
     return solution.status
 
 
-def test_no_solution_out_of_garbage(trackers):
+@few_or_many
+def test_no_solution_out_of_garbage(trackers, n_cases):
     outcomes = Counter()
 
-    @fuzzed
+    @fuzzed(n_cases)
     @given(frame=garbage(), parity=st.sampled_from(sorted(trackers)))
     def each(frame, parity):
         outcomes[judge(trackers[parity], *frame)] += 1
@@ -120,13 +122,14 @@ def test_no_solution_out_of_garbage(trackers):
     assert min(searched, outcomes[Status.TOO_FEW_STARS], outcomes[Status.BAD_INPUT]) > 0, outcomes
 
 
-def test_noise_of_any_cloud_is_solved_no_oftener_than_promised(trackers):
+@few_or_many
+def test_noise_of_any_cloud_is_solved_no_oftener_than_promised(trackers, n_cases):
     """Random bytes that pass for pixels are frames of noise: one in a thousand may be accepted."""
     tracker = trackers["mirrored"]
     promised = 10**tracker.settings.max_log10_false_alarms
     outcomes = Counter()
 
-    @fuzzed
+    @fuzzed(n_cases)
     @given(message=clouds())
     def each(message):
         found = read(message)
@@ -134,7 +137,7 @@ def test_noise_of_any_cloud_is_solved_no_oftener_than_promised(trackers):
             outcomes[tracker.solve(found.xy_px, found.intensity).status] += 1
 
     each()
-    expected = promised * CASES
+    expected = promised * n_cases
     # Four standard deviations of a Poisson count.
     assert outcomes[Status.SOLVED] <= expected + 4 * expected**0.5, outcomes
 
@@ -168,13 +171,14 @@ def test_a_good_frame_is_solved_after_any_garbage(trackers):
 # ---- cameras -----------------------------------------------------------------------------------
 
 
-def test_any_camera_info_is_a_camera_or_refused_in_a_sentence(trackers):
+@few_or_many
+def test_any_camera_info_is_a_camera_or_refused_in_a_sentence(trackers, n_cases):
     """What is taken for a camera can be solved with."""
     database = trackers["mirrored"].database
     frame = np.random.default_rng(1).uniform(0, 64, (6, 2))
     outcomes = Counter()
 
-    @fuzzed
+    @fuzzed(n_cases)
     @given(message=camera_infos(), rectified=st.booleans())
     def each(message, rectified):
         try:
@@ -192,4 +196,4 @@ def test_any_camera_info_is_a_camera_or_refused_in_a_sentence(trackers):
 
     each()
     print(outcomes)
-    assert min(outcomes.values()) > 0.02 * CASES, outcomes
+    assert min(outcomes.values()) > 0.02 * n_cases, outcomes

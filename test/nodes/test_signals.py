@@ -1,6 +1,7 @@
 """SIGINT and SIGTERM end a node with exit code 0 and without a word, whenever they come.
 
-The two are handled alike, so that most rows have one of them, in turn.
+The two are handled alike, so that most rows have one of them, in turn. Each row is a process; what
+differs from another one in little but the node or the signal is slow.
 """
 
 from signal import SIGINT, SIGTERM
@@ -25,6 +26,9 @@ from test_processes import identify_process
 from star_tracker.maps.star_map import paper_maps
 
 pytestmark = pytest.mark.usefixtures("solver_compiled")
+EITHER = pytest.mark.parametrize(
+    "number", [SIGINT, pytest.param(SIGTERM, marks=pytest.mark.slow)]
+)
 
 # ---- during the start and the end ------------------------------------------------------------
 
@@ -50,21 +54,25 @@ HAVE_A_CAMERA = ("identify_node", "camera_to_attitude")
 IS_BUSY = "threading.Event().wait()"
 
 
+def slow_row(*values):
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize(("module", "owner", "name", "number", "rest"), [
-    ("identify_node", "node_module", "declare", SIGINT, GOES_ON),
+    slow_row("identify_node", "node_module", "declare", SIGINT, GOES_ON),
     # Most of the start.
     ("identify_node", "node_module.SolverSetup", "build_database", SIGINT, GOES_ON),
-    ("identify_node", "node_module.SolverSetup", "build_database", SIGTERM, GOES_ON),
-    ("identify_node", "node_module.IdentifyNode", "_apply", SIGTERM, GOES_ON),
+    slow_row("identify_node", "node_module.SolverSetup", "build_database", SIGTERM, GOES_ON),
+    slow_row("identify_node", "node_module.IdentifyNode", "_apply", SIGTERM, GOES_ON),
     ("identify_node", "node_module.IdentifyNode", "_apply", SIGINT, IS_BUSY),
-    ("identify_node", "node_module", "Outputs", SIGINT, GOES_ON),
-    ("identify_node", "node_module", "Intake", SIGTERM, GOES_ON),
-    ("centroid_node", "node_module", "Worker", SIGTERM, GOES_ON),
+    slow_row("identify_node", "node_module", "Outputs", SIGINT, GOES_ON),
+    slow_row("identify_node", "node_module", "Intake", SIGTERM, GOES_ON),
+    slow_row("centroid_node", "node_module", "Worker", SIGTERM, GOES_ON),
     ("centroid_node", "node_module", "exercise_detector", SIGINT, GOES_ON),
-    ("camera_to_attitude", "node_module", "CentroidNode", SIGINT, GOES_ON),
-    ("sky_image_node", "node_module", "declare", SIGTERM, GOES_ON),
+    slow_row("camera_to_attitude", "node_module", "CentroidNode", SIGINT, GOES_ON),
+    slow_row("sky_image_node", "node_module", "declare", SIGTERM, GOES_ON),
     ("replay_node", "node_module", "declare", SIGTERM, GOES_ON),
-    ("replay_node", "node_module", "paper_maps", SIGINT, GOES_ON),
+    slow_row("replay_node", "node_module", "paper_maps", SIGINT, GOES_ON),
 ])
 def test_signal_at_any_stage_of_the_start(module, owner, name, number, rest):
     script = SIGNAL_AT.format(
@@ -74,7 +82,7 @@ def test_signal_at_any_stage_of_the_start(module, owner, name, number, rest):
         assert_ended_well(*ended(process))
 
 
-@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
+@EITHER
 def test_second_signal_while_the_node_ends(number):
     """As below launch when Ctrl-C is typed."""
     script = SIGNAL_AT.format(
@@ -161,7 +169,7 @@ def test_shutdown_between_two_waits():
 
 
 @pytest.mark.parametrize(("module", "line", "number"), [
-    (IDENTIFY, "ready: ", SIGINT), (IDENTIFY, "ready: ", SIGTERM),
+    slow_row(IDENTIFY, "ready: ", SIGINT), (IDENTIFY, "ready: ", SIGTERM),
     (REPLAY, "waiting for a subscriber", SIGINT),
 ])
 def test_signal_to_an_idle_node(module, line, number):
@@ -171,7 +179,7 @@ def test_signal_to_an_idle_node(module, line, number):
         assert_ended_well(*ended(process))
 
 
-@pytest.mark.parametrize("number", [SIGINT, SIGTERM])
+@EITHER
 def test_signal_while_frames_are_solved(number):
     """Frames of noise, of which each takes long, are still waiting when the signal comes."""
     noise = np.random.default_rng(1).uniform(0, 512, (60, 2))

@@ -1,6 +1,6 @@
-"""A small study that the tests of this folder share: run once, in this process."""
+"""A small study that the tests of this folder share: run once, where a test needs its results."""
 
-from types import SimpleNamespace
+from functools import cached_property
 
 import pytest
 import yaml
@@ -40,13 +40,32 @@ def run_here(chunks, folder, ran=None):
     return execution.run_all(chunks, Store(folder), execute, lambda n: None)
 
 
+class SmallStudy:
+    """The study; and the folder of its chunks, their results and the records, for which it runs.
+
+    Many tests ask for its plan only.
+    """
+
+    content, write, run_here = SMALL, staticmethod(write), staticmethod(run_here)
+
+    def __init__(self, folder, chunks):
+        self.study = read_study(write(folder, SMALL))
+        self._chunks = chunks
+
+    @cached_property
+    def results(self):
+        return run_here(plan(self.study), self._chunks)
+
+    @property
+    def folder(self):
+        assert self.results
+        return self._chunks
+
+    @cached_property
+    def records(self):
+        return summarise(self.study, self.results)
+
+
 @pytest.fixture(scope="session")
 def small(tmp_path_factory):
-    """The study, the folder of its chunks, their results and the records."""
-    study = read_study(write(tmp_path_factory.mktemp("study"), SMALL))
-    folder = tmp_path_factory.mktemp("chunks")
-    results = run_here(plan(study), folder)
-    return SimpleNamespace(
-        study=study, folder=folder, results=results, records=summarise(study, results),
-        content=SMALL, write=write, run_here=run_here,
-    )
+    return SmallStudy(tmp_path_factory.mktemp("study"), tmp_path_factory.mktemp("chunks"))

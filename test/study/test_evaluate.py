@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,12 +12,21 @@ from processes import completed, popen
 from waiting import longest_s
 
 from star_tracker.commands import cli
+from star_tracker.study.chunks import key
+from star_tracker.study.plan import plan
 
 RUN = "import sys; sys.modules['rclpy'] = None; from star_tracker.commands import cli; cli.main()"
 
 
 def test_json_of_the_command_in_a_process_without_ros(small, tmp_path):
-    """Nothing but JSON on standard output, no progress bar where there is no terminal."""
+    """Nothing but JSON on standard output, no progress bar where there is no terminal.
+
+    Most chunks are there already: it goes on with the others, of which each kind has some.
+    """
+    chunks = tmp_path / "out" / "chunks"
+    shutil.copytree(small.folder, chunks)
+    for chunk in plan(small.study)[1::5]:
+        (chunks / f"{key(chunk)}.json").unlink()
     arguments = [
         "evaluate", "--config", small.write(tmp_path, small.content), "--output",
         tmp_path / "out", "--jobs", "1", "--json",
@@ -30,6 +40,9 @@ def test_json_of_the_command_in_a_process_without_ros(small, tmp_path):
     ]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "chunks", "curves.png", "report.html", "report.md", "results.csv"
+    }
+    assert {path.name for path in chunks.iterdir()} == {
+        path.name for path in small.folder.iterdir()
     }
 
 

@@ -21,11 +21,20 @@ def without_times(results):
     }
 
 
+def some_of(small):
+    """A chunk in five with its result: of maps and of frames, first blocks and last, of each form.
+
+    What is sent elsewhere and comes back is alike for all.
+    """
+    return dict(list(small.results.items())[1::5])
+
+
 def test_two_processes_give_what_one_gives(small, tmp_path):
+    expected = some_of(small)
     two = execution.run_all(
-        plan(small.study), Store(tmp_path), execution.local(2), lambda n: None
+        list(expected), Store(tmp_path), execution.local(2), lambda n: None
     )
-    assert without_times(two) == without_times(small.results)
+    assert without_times(two) == without_times(expected)
 
 
 def test_a_chunk_alone_gives_what_it_gives_among_others(small):
@@ -59,16 +68,18 @@ def test_contestants_see_the_same_frames_and_blocks_others(small):
         assert replace(chunk, seed=8).seed_sequence().generate_state(4).tolist() != list(state)
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_what_this_process_gives(small, tmp_path):
     distributed = pytest.importorskip("distributed")
+    expected = some_of(small)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
         scheduler_port=0,
     ) as cluster:
         execute = execution.on_cluster(cluster.scheduler_address)
-        found = execution.run_all(plan(small.study), Store(tmp_path), execute, lambda n: None)
-    assert without_times(found) == without_times(small.results)
-    assert len(list(tmp_path.iterdir())) == len(small.results)
+        found = execution.run_all(list(expected), Store(tmp_path), execute, lambda n: None)
+    assert without_times(found) == without_times(expected)
+    assert len(list(tmp_path.iterdir())) == len(expected)
 
 
 def test_a_worker_with_other_sources_is_refused(small):
