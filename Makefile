@@ -1,5 +1,6 @@
 # make demo: the main job in two processes.  make test: the tests.  Both set up what they need.
-# make test-all: the long statistics too, and how much of the nodes the tests run through.
+# make test-all: long statistics and further starts of processes too, and how much of the nodes the
+# tests run through.
 # PYTHON=python3.12 chooses another Python, CONSTRAINTS=FILE other versions than the locked ones.
 
 PYTHON ?= python3

@@ -41,7 +41,7 @@ def fits(catalog, camera, start, n, *, seed, noise_px, terms=None):
     return result
 
 
-@pytest.fixture(scope="module", params=[12, 20])
+@pytest.fixture(scope="module", params=[pytest.param(12, marks=pytest.mark.slow), 20])
 def noisy(request, catalog):
     """150 fields at 1 px, from a focal length 3 % off: (field of view, camera, fits)."""
     camera = camera_of(request.param)

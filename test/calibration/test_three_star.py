@@ -60,7 +60,7 @@ def map1():
     return MapStars(1)
 
 
-@pytest.fixture(scope="module", params=[1, 2, 4, 7])
+@pytest.fixture(scope="module", params=[1, 2, 4, pytest.param(7, marks=pytest.mark.slow)])
 def stars_of_map(request):
     return MapStars(request.param)
 

@@ -93,8 +93,8 @@ def test_there_are_141_stars_to_identify(expected_ids):
 
 @needs_files
 @needs_xlrd
-@pytest.mark.parametrize("source", ["shipped", "contest"])
-@pytest.mark.parametrize("parity", ["mirrored", "auto"])
+@pytest.mark.parametrize("source", [pytest.param("shipped", marks=pytest.mark.slow), "contest"])
+@pytest.mark.parametrize("parity", [pytest.param("mirrored", marks=pytest.mark.slow), "auto"])
 def test_all_141_stars_of_the_contest_are_identified(
     contest_catalog, contest_maps, expected_ids, source, parity
 ):

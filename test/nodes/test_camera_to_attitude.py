@@ -16,7 +16,7 @@ from processes import (
     wait_for_line,
 )
 from ros_helpers import open_bench, stamp_ns
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from star_tracker.geometry.rotation import rotation_matrix
 from star_tracker.msg_adapters.attitude import array_from_quaternion
@@ -52,6 +52,8 @@ class Answers:
         self.solutions = bench.inbox(DiagnosticArray, "solution")
         self.attitudes = bench.inbox(QuaternionStamped, "attitude")
         self.truths = bench.inbox(QuaternionStamped, "truth/attitude")
+        # Without a listener the sky would wait for one, some seconds.
+        bench.inbox(CameraInfo, "camera_info")
         self._outputs = (self.centroids, self.solutions, self.attitudes)
 
     def until_connected(self):
@@ -158,21 +160,22 @@ def test_in_a_process_it_says_in_one_line_what_cannot_be_used():
 
 
 def test_a_file_that_has_nothing_for_either_node_is_named(tmp_path):
-    for name, told in (("named", False), ("other", True)):
-        path = tmp_path / f"{name}.yaml"
-        heard = "/named/identify_node"
-        path.write_text(f"{heard}:\n  ros__parameters:\n    fov_deg: 20.0\n", encoding="utf-8")
-        arguments = [*WITH_INFO, "--params-file", str(path)]
-        with running(BOTH, f"/{name}", arguments) as process:
-            before = wait_for_line(process, "ready: ")
-            process.send_signal(signal.SIGTERM)
-            code, messages = ended(process)
-        assert code == 0
-        sentence = (
-            f"parameter file {path} has nothing for /{name}/centroid_node and "
-            f"/{name}/identify_node, only for {heard}: name it"
-        )
-        assert (sentence in before + messages) == told
+    paths = {name: tmp_path / f"{name}.yaml" for name in ("named", "other")}
+    arguments = list(WITH_INFO)
+    for name, path in paths.items():
+        text = f"/{name}/identify_node:\n  ros__parameters:\n    fov_deg: 20.0\n"
+        path.write_text(text, encoding="utf-8")
+        arguments += ["--params-file", str(path)]
+    with running(BOTH, "/named", arguments) as process:
+        messages = wait_for_line(process, "ready: ")
+        process.send_signal(signal.SIGTERM)
+        code, rest = ended(process)
+    assert code == 0
+    assert (
+        f"parameter file {paths['other']} has nothing for /named/centroid_node and "
+        "/named/identify_node, only for /other/identify_node: name it"
+    ) in messages + rest
+    assert str(paths["named"]) not in messages + rest
 
 
 def test_real_processes_as_the_launch_file_starts_them():

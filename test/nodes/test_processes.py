@@ -55,6 +55,7 @@ def identify_process(*arguments):
             yield process, client
 
 
+@pytest.mark.slow
 def test_replay_through_identify_solves_all_maps_and_ends():
     with open_bench() as bench:
         client = IdentifyClient(bench)
@@ -166,6 +167,7 @@ def test_cache_that_cannot_be_written_is_named_in_one_line(cache):
     assert "cannot be saved: " in lines[0]
 
 
+@pytest.mark.slow
 def test_two_nodes_start_with_one_empty_cache(cache):
     both = [start(["-m", IDENTIFY], f"/twin{n}", MAPS) for n in (1, 2)]
     try:

@@ -111,15 +111,22 @@ def test_equal_seeds_give_equal_noise_and_each_image_has_its_own():
     assert not np.array_equal(pixels[0], pixels[1])
 
 
-def test_the_node_ends_after_the_last_of_count_images():
+@pytest.mark.parametrize("listens", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_the_node_ends_after_the_last_of_count_images(listens):
+    """Without a listener to camera_info it begins all the same, some seconds later."""
     with open_bench() as bench:
         inbox = bench.inbox(Image, "image")
-        arguments = ["-p", "count:=3", "-p", "rate_hz:=50.0", "-p", "width_px:=64"]
+        if listens:
+            bench.inbox(CameraInfo, "camera_info")
+        arguments = [
+            "-p", "count:=3", "-p", "rate_hz:=50.0", "-p", "width_px:=64", "-p", "height_px:=48",
+        ]
         with running(SKY, bench.namespace, arguments) as process:
             bench.until(lambda: len(inbox.messages) >= 3, "third image")
             code, messages = ended(process)
     assert_ended_well(code, messages)
     assert "3 images sent" in messages
+    assert ("nobody listens to camera_info" in messages) is not listens
     assert len(inbox.messages) == 3
 
 

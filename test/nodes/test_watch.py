@@ -181,6 +181,7 @@ def test_once_prints_one_record_of_a_running_node(namespace):
     assert len(record["sigma_camera_xyz_arcsec"]) == 3
 
 
+@pytest.mark.slow
 def test_lines_end_with_ctrl_c_and_exit_code_0(namespace):
     process = start_watch("--namespace", namespace, "--json")
     lines = [process.stdout.readline() for _ in range(10)]
@@ -191,6 +192,7 @@ def test_lines_end_with_ctrl_c_and_exit_code_0(namespace):
     assert all(json.loads(line)["status"] == "SOLVED" for line in lines)
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_enough_ends_it_without_a_word(namespace):
     process = start_watch("--namespace", namespace, "--json")
     json.loads(process.stdout.readline())
