@@ -1,10 +1,12 @@
 """Bags of each storage, and what is said of those that cannot be used."""
 
 import shutil
+from dataclasses import replace
 
+import bag_files
 import numpy as np
 import pytest
-from bag_files import HERE, asked_for, maps_bag, raw_messages, solved
+from bag_files import HERE, asked_for, maps_bag, raw_messages
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
@@ -29,11 +31,18 @@ from star_tracker.offline.spreading import Spread
 from star_tracker.optics.camera import Camera
 
 MAP1, MAP2 = paper_maps((1, 2))
+#: As all maps are: where it has to be found out, a tracker is made twice.
+MIRRORED = asked_for(parity="mirrored")
 #: Of a camera that is not told, but not just any: each kind has its own guide stars.
-KNOWN_SIZE = asked_for(size_px=(512, 512), fov_range_deg=(10.0, 14.0))
+KNOWN_SIZE = replace(MIRRORED, size_px=(512, 512), fov_range_deg=(10.0, 14.0))
 
 
-def refusal(path, asked=None, **wanted):
+def solved(path, asked=MIRRORED, **options):
+    """Return the results of a bag's frames."""
+    return bag_files.solved(path, asked, **options)
+
+
+def refusal(path, asked=MIRRORED, **wanted):
     """Return what is said of a bag that cannot be used."""
     with pytest.raises(ValueError, match=r"\w") as caught:
         solved(path, asked, **wanted)
@@ -109,7 +118,7 @@ def test_each_storage_gives_the_same(tmp_path):
     found = []
     for path in bags:
         assert is_bag(path)
-        results = solved(path, asked_for(parity="mirrored"))
+        results = solved(path)
         assert [one.place.stamp_ns % 10**9 for one in results] == [0, 10**8]
         found.append([one.solution.attitude.rotation.tolist() for one in results])
     assert all(one == found[0] for one in found)
@@ -206,7 +215,9 @@ def test_cameras_of_one_topic_are_told_apart_by_frame_id(tmp_path):
 
 def test_the_truth_of_rendered_maps_is_found(tmp_path):
     """CameraInfo counts from the middle of the first pixel: half a pixel off is 0.012 deg."""
-    (result,) = solved(maps_bag(tmp_path / "images.mcap", (1,), rendered=RenderSettings()))
+    path = maps_bag(tmp_path / "images.mcap", (1,), rendered=RenderSettings())
+    (result,) = solved(path, asked_for())
+    assert result.solution.parity == "mirrored"
     boresight = np.degrees([result.solution.attitude.ra_rad, result.solution.attitude.dec_rad])
     np.testing.assert_allclose(boresight, [109.6, 34.5], atol=0.001)
 
@@ -215,7 +226,7 @@ def test_the_camera_that_the_user_tells_goes_before_camera_info(tmp_path):
     wrong = Camera.from_fov(40, 512, 512)
     path = written(tmp_path / "bag", ("/centroids", MAP1.xy_px, 5), camera=wrong)
     assert not solved(path)[0].is_solved
-    assert solved(path, asked_for(fov_deg=12.0))[0].is_solved
+    assert solved(path, replace(MIRRORED, fov_deg=12.0))[0].is_solved
     assert solved(path, asked_for(camera=MAP1.camera))[0].is_solved
 
 
@@ -249,7 +260,7 @@ def test_independent_frames_are_all_lost_in_space(tmp_path):
         camera=MAP1.camera,
     )
     assert [one.solution.mode for one in solved(path)][1:] == ["tracking"] * 2
-    alone = solved(path, asked_for(independent=True))
+    alone = solved(path, replace(MIRRORED, independent=True))
     assert {one.solution.mode for one in alone} == {"lost_in_space"}
 
 

@@ -113,7 +113,7 @@ def without_times(message):
     return stamp_ns(message.header), message.header.frame_id, values
 
 
-@pytest.mark.parametrize("ending", ["mcap", "db3"])
+@pytest.mark.parametrize("ending", ["mcap", pytest.param("db3", marks=pytest.mark.slow)])
 def test_the_eight_maps_come_out_as_of_identify_node(tmp_path, ending, solver_compiled):
     """Attitudes, covariances, labels and all that is said of a frame, from either storage."""
     path = maps_bag(tmp_path / f"maps.{ending}")

@@ -26,7 +26,7 @@ def many(database):
     return [*found, *(uniform_noise(CAMERA, n, rng) for n in (0, 3, 4, 5, 8, 12))]
 
 
-@pytest.mark.parametrize("parity", ["normal", "auto"])
+@pytest.mark.parametrize("parity", ["normal", pytest.param("auto", marks=pytest.mark.slow)])
 def test_a_tracker_used_again_is_as_a_new_one(database, many, parity):
     """Votes, poses and labels of one frame leave no trace in the next, in whatever order."""
     camera = CAMERA.with_parity(parity)

@@ -178,6 +178,7 @@ def test_a_file_that_has_nothing_for_either_node_is_named(tmp_path):
     assert str(paths["named"]) not in messages + rest
 
 
+@pytest.mark.slow
 def test_real_processes_as_the_launch_file_starts_them():
     """A sky, and both nodes in one process, with camera_info; all end quietly."""
     with open_bench() as bench:

@@ -137,10 +137,9 @@ def test_the_demo_says_in_one_line_that_a_folder_has_no_maps(tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 @starts_nodes
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_demo_ends_without_a_traceback(number):
     # A group of its own: a terminal's Ctrl-C goes to the nodes too.
     with (

@@ -158,6 +158,7 @@ def test_damaged_cache_is_named_in_one_line_and_built_again(cache):
     assert "feature file" not in said_until_ready("/third")
 
 
+@pytest.mark.slow
 def test_cache_that_cannot_be_written_is_named_in_one_line(cache):
     cache.touch()  # a file where the folder has to be
     messages = said_until_ready("/unsaved")

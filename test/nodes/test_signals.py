@@ -170,7 +170,7 @@ def test_shutdown_between_two_waits():
 
 @pytest.mark.parametrize(("module", "line", "number"), [
     slow_row(IDENTIFY, "ready: ", SIGINT), (IDENTIFY, "ready: ", SIGTERM),
-    (REPLAY, "waiting for a subscriber", SIGINT),
+    slow_row(REPLAY, "waiting for a subscriber", SIGINT),
 ])
 def test_signal_to_an_idle_node(module, line, number):
     with running(module, "/idle") as process:
@@ -195,6 +195,7 @@ def test_signal_while_frames_are_solved(number):
         assert_ended_well(*ended(process))
 
 
+@pytest.mark.slow
 def test_signal_while_frames_are_sent():
     with open_bench() as bench:
         frames = bench.inbox(PointCloud2, "centroids")

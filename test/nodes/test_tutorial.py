@@ -2,7 +2,7 @@
 
 A comment above a block says what to do with it: `run` it, `start` it and leave it running (until
 it has said what follows the colon), or save it as a `file`. `output` is what the block before
-prints.
+prints. From the first node on the steps are slow.
 """
 
 import contextlib
@@ -153,9 +153,15 @@ def test_the_page_has_all_its_steps():
     assert len(every) - len(BLOCK.findall(PAGE)) == 2
 
 
-@pytest.mark.parametrize(
-    "i", range(len(STEPS)), ids=[f"{i + 1}-{step.order}" for i, step in enumerate(STEPS)]
-)
+def each_step():
+    """The places of the steps; each from the first one on that starts a process is slow."""
+    marks = []
+    for i, step in enumerate(STEPS):
+        marks = [pytest.mark.slow] if step.order == "start" else marks
+        yield pytest.param(i, id=f"{i + 1}-{step.order}", marks=marks)
+
+
+@pytest.mark.parametrize("i", each_step())
 def test_a_step_does_what_the_page_says(i, reader):
     printed = reader.follow_to(i)
     if STEPS[i].output is not None:

@@ -202,6 +202,7 @@ def test_a_reader_that_has_enough_ends_it_without_a_word(namespace):
     process.stderr.close()
 
 
+@pytest.mark.slow
 def test_screen_ends_with_ctrl_c_from_the_terminal(namespace):
     here, there = pty.openpty()
     process = start_watch(

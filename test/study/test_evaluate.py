@@ -84,6 +84,7 @@ sys.exit(cli.main())
 """
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_says_how_to_go_on(small, tmp_path):
     """Ctrl-C reaches all processes of the group, as in a terminal."""
     arguments = [

@@ -48,7 +48,7 @@ def test_every_contestant_solves_clean_frames_of_either_parity(contestant, parit
     assert len(found) >= 3
 
 
-@pytest.mark.parametrize("error", [5.0, "unknown"])
+@pytest.mark.parametrize("error", [5.0, pytest.param("unknown", marks=pytest.mark.slow)])
 def test_tetra3rs_has_patterns_for_the_fields_of_view_that_are_told(error):
     pytest.importorskip("tetra3rs")
     condition = condition_of({"fov_error_percent": error})
