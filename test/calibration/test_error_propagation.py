@@ -276,6 +276,7 @@ def test_the_boresight_of_an_attitude_scatters_along_east_and_north():
     np.testing.assert_allclose(whitened(errors, predicted), np.eye(2), atol=0.05)
 
 
+@pytest.mark.slow
 def test_a_filter_can_believe_the_published_covariance():
     """Of 300 solved frames the squared error exceeds the 99 % bound of chi-square in few.
 

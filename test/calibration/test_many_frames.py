@@ -88,6 +88,7 @@ def test_a_principal_point_that_is_off_is_found_where_that_is_asked_for():
         assert after < 0.1 * before
 
 
+@pytest.mark.slow
 def test_a_principal_point_that_the_stars_do_not_show_stays():
     """A narrow field would move it by noise, and turn the boresight of all frames with it."""
     kept, fitted, several = calibrated_with_center(

@@ -333,6 +333,7 @@ for _ in range(3):
 """
 
 
+@pytest.mark.slow
 def test_two_processes_share_a_folder(tmp_path):
     """Each takes the file away three times and makes it again: no half file is ever met."""
     both = [

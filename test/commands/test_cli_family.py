@@ -198,7 +198,7 @@ def test_a_file_that_cannot_be_read_is_refused_in_one_line(path, capsys):
     assert re.fullmatch(r"star_tracker geometry: .+\n", err)
 
 
-@pytest.mark.parametrize("form", [[], ["--json"]])
+@pytest.mark.parametrize("form", [[], pytest.param(["--json"], marks=pytest.mark.slow)])
 def test_a_reader_that_has_gone_ends_a_command_quietly(form):
     read, write = os.pipe()
     os.close(read)

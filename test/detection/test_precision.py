@@ -39,7 +39,9 @@ def errors_over_bound(sigma_px, seed=0, **settings):
     return np.concatenate(errors), np.concatenate(ratios), found_q, share
 
 
-@pytest.mark.parametrize("sigma_px", [0.6, 1.0, 1.6])
+@pytest.mark.parametrize("sigma_px", [
+    pytest.param(0.6, marks=pytest.mark.slow), 1.0, pytest.param(1.6, marks=pytest.mark.slow),
+])
 @pytest.mark.parametrize("settings", [
     {}, {"sky_gradient": (0.8, 0.5)}, {"row_banding_e": 8.0, "column_banding_e": 4.0},
     {"bits": 8, "gain_e_per_dn": 40.0, "bias_dn": 6.0, "read_noise_e": 40.0},

@@ -52,14 +52,15 @@ def test_one_that_is_right_stays_as_it_was_told(database):
         assert solution.camera == CAMERA
 
 
-def test_one_that_is_far_off_is_refused_in_a_sentence_or_the_attitude_is_right(database):
+@pytest.mark.parametrize("n", [20, pytest.param(60, marks=pytest.mark.slow)])
+def test_one_that_is_far_off_is_refused_in_a_sentence_or_the_attitude_is_right(database, n):
     reasons = []
-    for solution, true in solved(database, 5.0, 60):
+    for solution, true in solved(database, 5.0, n):
         if solution.status is Status.SOLVED:
             assert nees(solution, true) < 30
         elif solution.reason.startswith("the stars contradict"):
             reasons.append(solution.reason)
-    assert len(reasons) > 5
+    assert len(reasons) > n // 12
     assert all(
         reason.endswith("correct fov_deg, or give it a tolerance (fov_tolerance_percent)")
         for reason in reasons

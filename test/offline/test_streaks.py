@@ -48,7 +48,7 @@ def boresights_off_px(tracker, sky, length_px):
     return np.array(off_px)
 
 
-@pytest.mark.parametrize("length_px", [20.0, 60.0])
+@pytest.mark.parametrize("length_px", [pytest.param(20.0, marks=pytest.mark.slow), 60.0])
 def test_streaks_are_solved_for_the_middle_of_the_exposure(length_px, tracker, sky):
     """An end of the exposure would be half of the length off."""
     off_px = boresights_off_px(tracker, sky, length_px)
@@ -56,6 +56,6 @@ def test_streaks_are_solved_for_the_middle_of_the_exposure(length_px, tracker, s
     assert off_px.max() < 0.5
 
 
-@pytest.mark.parametrize("length_px", [70.0, 100.0])
+@pytest.mark.parametrize("length_px", [70.0, pytest.param(100.0, marks=pytest.mark.slow)])
 def test_streaks_too_long_to_be_told_are_refused(length_px, tracker, sky):
     assert len(boresights_off_px(tracker, sky, length_px)) == 0

@@ -14,7 +14,7 @@ from star_tracker.study.store import Store
 SMALL = {
     "frames": 3, "quick_frames": 1, "block_frames": 2, "seed": 7, "deadline_ms": float("inf"),
     "contestants": [{"method": "match_group"}, {"method": "match_group", "form": "paper"}],
-    "cameras": ["12 deg", {"name": "wide", "fov_deg": 20, "width_px": 900, "height_px": 700}],
+    "cameras": ["12 deg", {"name": "wide", "fov_deg": 14, "width_px": 900, "height_px": 700}],
     "maps": [1, 3], "combined": ["comb"],
     "sweeps": {
         "noise_px": {"values": [0, 1]},
