@@ -140,6 +140,7 @@ def test_what_the_parameters_move(parity, with_center):
         np.testing.assert_allclose(of_camera[:, i], (ahead - behind).ravel() / 2e-6, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_principal_point_that_is_off_is_found_within_its_errors():
     """And with it the boresight, which the tangential terms leave where it was told."""
     told, squares, off_deg = started(DECENTRED, scale=1.005), [], {True: [], False: []}
@@ -166,6 +167,7 @@ def test_a_principal_point_that_is_off_is_found_within_its_errors():
     assert max(off_deg[True]) < 0.1
 
 
+@pytest.mark.slow
 def test_a_principal_point_that_is_not_off_moves_no_farther_than_its_errors():
     squares = []
     for seed in range(8):

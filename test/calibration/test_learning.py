@@ -174,6 +174,7 @@ def test_noise_and_false_stars_are_learnt_of_any_camera(tolerance_percent):
     assert learnt.noise.sigma_px is None
 
 
+@pytest.mark.slow
 def test_a_stream_of_few_stars_has_more_evidence_and_is_more_precise_than_lone_frames():
     camera = Camera.from_fov(12.0, *SIZE_PX)
     learnt, gains, variances = tracker(camera), [], []
@@ -192,6 +193,7 @@ def test_a_stream_of_few_stars_has_more_evidence_and_is_more_precise_than_lone_f
     assert of_stream / lone < 0.55 + 3 * 0.12
 
 
+@pytest.mark.slow
 def test_a_stream_whose_noise_grows_at_once_is_solved_as_lone_frames_are():
     camera = Camera.from_fov(12.0, *SIZE_PX)
     learnt, n_stream, n_alone, beyond = tracker(camera), 0, 0, 0

@@ -64,6 +64,7 @@ def calibrated_with_center(camera, n, **options):
     return kept, fitted, several
 
 
+@pytest.mark.slow
 def test_a_principal_point_that_is_off_is_found_where_that_is_asked_for():
     """Then the stars lie at the noise, and the boresight is the lens' axis."""
     true = replace(

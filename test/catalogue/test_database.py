@@ -456,7 +456,10 @@ def test_a_file_truncated_anywhere_is_refused(small, saved):
             feature_file.load_features(saved, name, small.pattern_settings)
 
 
-@pytest.mark.parametrize("damage", [0x01, 0x08, 0x40, 0xFF])
+@pytest.mark.parametrize("damage", [
+    0x01, pytest.param(0x08, marks=pytest.mark.slow), pytest.param(0x40, marks=pytest.mark.slow),
+    0xFF,
+])
 def test_damage_of_any_byte_is_refused_or_harmless(small, saved, damage):
     """Each 23rd byte, and each third of the archive's directory at its end."""
     whole, outcomes = saved.read_bytes(), set()

@@ -242,6 +242,7 @@ def test_a_table_and_the_stars(picture, tmp_path, capsys):
     assert {"27989", "25336"} & {star["hip"] for star in stars}
 
 
+@pytest.mark.slow
 @needs("matplotlib")
 def test_a_picture_is_drawn_over_the_image(picture, tmp_path, capsys):
     """The image is under the symbols: without it the ground between them is white."""
@@ -369,6 +370,7 @@ def test_processes_give_what_one_process_gives(three_files, capsys):
     assert without_times(map(json.loads, one)) == without_times(map(json.loads, two))
 
 
+@pytest.mark.slow
 @needs("dask")
 def test_a_dask_cluster_gives_what_this_process_gives(three_files, capsys):
     """Its workers need not see the files."""

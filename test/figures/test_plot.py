@@ -38,6 +38,10 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Identified and displaced stars of each map, as the README's demo has them.
 COUNTS = {1: (15, 0), 2: (16, 0), 3: (7, 0), 4: (12, 0), 5: (9, 0), 6: (9, 3), 7: (41, 0),
           8: (29, 0)}
+#: Of few stars, with displaced ones and of many: the others are slow.
+each_map = pytest.mark.parametrize("number", [
+    n if n in {3, 6, 7} else pytest.param(n, marks=pytest.mark.slow) for n in COUNTS
+])
 PORTRAIT = Camera.from_fov(10, 600, 800)
 
 
@@ -91,7 +95,7 @@ def texts_of(figure):
 # The eight maps
 
 
-@pytest.mark.parametrize("number", COUNTS)
+@each_map
 def test_a_map_is_drawn_with_the_numbers_of_the_paper(capsys, tmp_path, number):
     output = tmp_path / "map.png"
     record = plot(capsys, number, "--output", output, "--dpi", 50)
@@ -123,7 +127,7 @@ def test_displaced_stars_are_off_by_what_the_map_says(capsys, tmp_path):
         assert star["residual_px"] == pytest.approx(moved, abs=0.05)
 
 
-@pytest.mark.parametrize("number", COUNTS)
+@each_map
 def test_labels_can_be_read(view, number):
     """No name is left out, and none covers another or leaves the picture."""
     seen = view(number)
@@ -162,7 +166,7 @@ def test_north_and_east_point_where_the_sky_does(view):
     assert boxes["E"][1] > boxes["N"][3]
 
 
-@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+@pytest.mark.parametrize("ending", ["png", "svg", pytest.param("pdf", marks=pytest.mark.slow)])
 def test_the_same_input_gives_the_same_bytes(capsys, tmp_path, ending):
     written = []
     for name in ("a", "b"):
@@ -203,6 +207,7 @@ def test_a_frame_of_ones_own_is_solved_and_drawn(capsys, tmp_path, database):
     assert record["missing"] > 0
 
 
+@pytest.mark.slow
 def test_hipparcos_stars_carry_their_own_names(tmp_path, capsys):
     catalog = StarCatalog.hipparcos(limiting_magnitude=5.5)
     rotation = Pose(83.0, -3.0, 20.0).rotation

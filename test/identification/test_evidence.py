@@ -107,7 +107,9 @@ def chosen(camera, xy, residual2, m, sigma_px=0.0):
 # The formula
 
 
-@pytest.mark.parametrize("camera", [CAMERA, OBLONG], ids=["square", "oblong"])
+@pytest.mark.parametrize("camera", [
+    pytest.param(CAMERA, id="square", marks=pytest.mark.slow), pytest.param(OBLONG, id="oblong"),
+])
 @pytest.mark.parametrize(
     ("known_px", "prior"),
     [
@@ -241,7 +243,9 @@ def test_more_matches_than_guide_stars_inside_are_possible_at_the_border():
 
 @pytest.mark.parametrize("prior", [EXACT, UNTOLD], ids=["exact", "free"])
 @pytest.mark.parametrize("size", [(3, 3, 3), (4, 10, 4), (10, 4, 4), (25, 30, 12)])
-@pytest.mark.parametrize("what", [(0.2, 20.0, 9.5, 0.5), (1.5, 7.0, 2.0, 8.0)])
+@pytest.mark.parametrize("what", [
+    (0.2, 20.0, 9.5, 0.5), pytest.param((1.5, 7.0, 2.0, 8.0), marks=pytest.mark.slow),
+])
 def test_a_stream_is_believed_as_much_as_a_lone_frame(what, size, prior):
     """Half each: the noise of many residuals, and the beta-binomial probability of k of n."""
     (n, m, k), (sigma_px, freedom, stars, false_stars) = size, what

@@ -103,6 +103,7 @@ def test_neighbours_are_the_nearest_other_stars_in_order():
 # Candidates of a tiny catalogue
 
 
+@pytest.mark.slow
 def test_the_first_candidate_names_the_right_stars_at_any_roll(figure):
     for roll_deg in np.arange(0.0, 360.0, 3.0):
         field, truth = view(figure, rotation_to(56.9, 24.1, roll_deg))

@@ -52,7 +52,7 @@ def boresight_error_deg(solution, rotation):
     "method", [pytest.param("radial_cyclic", marks=pytest.mark.slow), "auto"]  # which has both
 )
 @pytest.mark.parametrize(
-    "max_separation_deg", [0.5, pytest.param(2.0, marks=pytest.mark.slow), 6.0]
+    "max_separation_deg", [0.5, *(pytest.param(x, marks=pytest.mark.slow) for x in (2.0, 6.0))]
 )
 def test_no_noise_is_solved_with_a_short_pair_table_either(method, max_separation_deg):
     """Nor by patterns, which reach beyond the primary's largest separation."""

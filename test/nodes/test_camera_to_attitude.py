@@ -154,6 +154,7 @@ def test_a_parameter_that_neither_node_has_is_named(capfd):
                for line in lines)
 
 
+@pytest.mark.slow
 def test_in_a_process_it_says_in_one_line_what_cannot_be_used():
     code, messages = run_to_the_end(BOTH, "-p", "fov_deg:=-1.0")
     assert_refused(code, messages, "parameter fov_deg is -1.0")

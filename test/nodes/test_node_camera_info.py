@@ -23,7 +23,11 @@ PARAMETERS = {
 PATIENT = {**PARAMETERS, "camera_info_wait_ms": 10_000.0}
 LATCHED, VOLATILE = DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
-EVERY_QOS = [(r, d) for r in (RELIABLE, BEST_EFFORT) for d in (VOLATILE, LATCHED)]
+EVERY_QOS = [
+    (RELIABLE, LATCHED), (BEST_EFFORT, VOLATILE),
+    *(pytest.param(*qos, marks=pytest.mark.slow)
+      for qos in ((RELIABLE, VOLATILE), (BEST_EFFORT, LATCHED))),
+]
 #: The one that gives late subscribers what it has sent: a best-effort one sends nothing again.
 KEEPS = (RELIABLE, LATCHED)
 

@@ -97,11 +97,13 @@ def test_best_effort_publisher_that_appears_later_is_heard(client):
     assert client.outcome(frame).status == "SOLVED"
 
 
+@pytest.mark.slow
 def test_integer_for_a_float_on_the_command_line_is_accepted():
     with running(IDENTIFY, "/integer", [*SIZE, "-p", "fov_deg:=20"]) as process:
         wait_for_line(process, "camera 20 deg over 512 px")
 
 
+@pytest.mark.slow
 def test_what_does_not_reach_the_node_is_named_at_its_start(tmp_path):
     path = tmp_path / "other.yaml"
     path.write_text("star_tracker:\n  ros__parameters:\n    fov_deg: 20.0\n", encoding="utf-8")

@@ -68,7 +68,7 @@ def slow_row(*values):
     slow_row("identify_node", "node_module", "Outputs", SIGINT, GOES_ON),
     slow_row("identify_node", "node_module", "Intake", SIGTERM, GOES_ON),
     slow_row("centroid_node", "node_module", "Worker", SIGTERM, GOES_ON),
-    ("centroid_node", "node_module", "exercise_detector", SIGINT, GOES_ON),
+    slow_row("centroid_node", "node_module", "exercise_detector", SIGINT, GOES_ON),
     slow_row("camera_to_attitude", "node_module", "CentroidNode", SIGINT, GOES_ON),
     slow_row("sky_image_node", "node_module", "declare", SIGTERM, GOES_ON),
     ("replay_node", "node_module", "declare", SIGTERM, GOES_ON),

@@ -111,7 +111,8 @@ def test_equal_seeds_give_equal_noise_and_each_image_has_its_own():
     assert not np.array_equal(pixels[0], pixels[1])
 
 
-@pytest.mark.parametrize("listens", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("listens", [True, False])
 def test_the_node_ends_after_the_last_of_count_images(listens):
     """Without a listener to camera_info it begins all the same, some seconds later."""
     with open_bench() as bench:

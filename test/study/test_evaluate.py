@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,37 +11,34 @@ from processes import completed, popen
 from waiting import longest_s
 
 from star_tracker.commands import cli
-from star_tracker.study.chunks import key
-from star_tracker.study.plan import plan
+from star_tracker.study.configuration import read_study
+from star_tracker.study.plan import MAP, plan
+from star_tracker.study.records import summarise
 
 RUN = "import sys; sys.modules['rclpy'] = None; from star_tracker.commands import cli; cli.main()"
 
 
 def test_json_of_the_command_in_a_process_without_ros(small, tmp_path):
-    """Nothing but JSON on standard output, no progress bar where there is no terminal.
-
-    Most chunks are there already: it goes on with the others, of which each kind has some.
-    """
-    chunks = tmp_path / "out" / "chunks"
-    shutil.copytree(small.folder, chunks)
-    for chunk in plan(small.study)[1::5]:
-        (chunks / f"{key(chunk)}.json").unlink()
+    """Nothing but JSON on standard output, no progress bar where there is no terminal."""
+    path = small.write(tmp_path, {
+        **small.content, "cameras": ["12 deg"], "combined": [],
+        "sweeps": {"noise_px": {"values": [0, 1]}},
+    })
     arguments = [
-        "evaluate", "--config", small.write(tmp_path, small.content), "--output",
-        tmp_path / "out", "--jobs", "1", "--json",
+        "evaluate", "--config", path, "--output", tmp_path / "out", "--jobs", "1", "--json",
     ]
     done = completed("-c", RUN, *arguments)
     assert (done.stderr, done.returncode) == ("", 0)
     found = json.loads(done.stdout)
     timed = {"median_cpu_ms", "p95_cpu_ms", "time_ratio"}
+    study = read_study(path)
+    here = summarise(study, small.run_here(plan(study), tmp_path / "here"))
     assert [{k: v for k, v in r.items() if k not in timed} for r in found] == [
-        {k: v for k, v in vars(r).items() if k not in timed} for r in small.records
+        {k: v for k, v in vars(r).items() if k not in timed} for r in here
     ]
+    assert {record.sweep for record in here} == {MAP, "noise_px"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "chunks", "curves.png", "report.html", "report.md", "results.csv"
-    }
-    assert {path.name for path in chunks.iterdir()} == {
-        path.name for path in small.folder.iterdir()
     }
 
 
