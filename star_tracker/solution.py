@@ -69,8 +69,11 @@ class SolveSettings:
             ("displaced_gate_px", DISPLACED_GATE_RANGE_PX),
             ("max_log10_false_alarms", LOG10_FALSE_ALARMS_RANGE),
         ):
-            if not low <= getattr(self, name) <= high:
+            value = getattr(self, name)
+            if not low <= value <= high:
                 raise ValueError(f"{name} must be from {low:g} to {high:g}")
+            # An integer, or a float of another size, would have the path compiled anew for it.
+            object.__setattr__(self, name, float(value))
         if not self.deadline_ms > 0:
             raise ValueError("deadline_ms must be greater than 0")
         if self.max_centroids < MIN_STARS:

@@ -95,8 +95,8 @@ def exercise_detector() -> None:
     # Only here: identify_node comes for the solver, and would load what it does not need.
     from star_tracker.detection.detect import detect_stars  # noqa: PLC0415
 
-    rows, columns = np.mgrid[:64, :64]
-    light = np.random.default_rng(0).normal(100.0, 5.0, (64, 64))
+    rows, columns = np.mgrid[:256, :256]  # half of it, a colour's, has rows that are long enough
+    light = np.random.default_rng(0).normal(100.0, 5.0, (256, 256))
     # A lone star, one that is saturated, and two that share their pixels.
     for x, y, peak in ((16, 15, 400), (45, 18, 9000), (30, 45, 600), (33, 46, 500)):
         light += peak * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 3.4)

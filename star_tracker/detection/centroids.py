@@ -59,6 +59,10 @@ class DetectSettings:
             raise ValueError(f"psf_sigma_px must be from {low:g} to {high:g}")
         if self.saturation_level is not None and not np.isfinite(self.saturation_level):
             raise ValueError("saturation_level must be a finite number")
+        for name in ("threshold_sigma", "psf_sigma_px", "saturation_level"):
+            value = getattr(self, name)
+            if value is not None:  # an integer would have compiled code made anew for it
+                object.__setattr__(self, name, float(value))
 
 
 @dataclass(frozen=True)

@@ -269,7 +269,8 @@ class Camera:
 
     def contains(self, xy_px: ArrayLike, margin_px: float = 0.0) -> NDArray[np.bool_]:
         """Return which pixels (n, 2) lie in the image, widened by a margin; NaN does not."""
-        return np.asarray(_in_image_all(self.definite()[0].optics, _rows(xy_px), margin_px))
+        optics = self.definite()[0].optics
+        return np.asarray(_in_image_all(optics, _rows(xy_px), float(margin_px)))
 
     def _y_sign(self) -> float:
         if self.parity == "auto":

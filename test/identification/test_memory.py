@@ -157,3 +157,37 @@ def test_nothing_is_compiled_while_a_frame_waits():
         "SOLVED", "SOLVED",
     ]
     assert compiled == "0"
+
+
+NUMBERS = """
+import numpy as np
+from numba.core import event
+from star_tracker import Camera, FeatureDatabase, SolveSettings, StarCatalog, StarTracker
+from star_tracker.commands.compile import exercise_detector, exercise_solver
+from star_tracker.detection.centroids import DetectSettings
+from star_tracker.detection.detect import detect_stars
+
+exercise_solver()
+exercise_detector()
+late = event.RecordingListener()
+event.register("numba:compiler_lock", late)
+camera = Camera(512, np.int64(512), 2436, np.float32(2436), 256, 256, tolerance_percent=5)
+settings = SolveSettings(
+    centroid_sigma_px=1, displaced_gate_px=np.float32(40), max_log10_false_alarms=-3,
+)
+xy = np.array([(60, 70), (250, 40), (450, 90), (90, 250)])
+database = FeatureDatabase.build(StarCatalog.paper())
+print(StarTracker(database, camera, settings).solve(xy, np.arange(1, 5)).status.value)
+print(*camera.contains(xy, 3))
+image = np.zeros((256, 256), np.int16)
+image[::2], image[100:102, 100:102] = 20, 3000
+print(len(detect_stars(image, DetectSettings(6, psf_sigma_px=1, saturation_level=2000))))
+print(sum(one.is_start for _, one in late.buffer))
+"""
+
+
+def test_numbers_of_other_types_compile_nothing():
+    """`displaced_gate_px=40` had the search compiled anew, in a minute, and kept it so."""
+    done = completed("-c", NUMBERS)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "0", done.stdout
