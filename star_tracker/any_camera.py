@@ -71,6 +71,12 @@ class AnyCameraTracker:
             self._rungs.append((_expected(database, camera), searchers))
         self.solve(np.zeros((0, 2)))  # compiles the path, which would take a frame's time
 
+    @property
+    def searchers(self) -> list[Searcher]:
+        """Those that may solve a frame, of all scales."""
+        n_parities = 2 if self._both else 1
+        return [one for _, searchers in self._rungs for one in searchers[:n_parities]]
+
     def solve(
         self,
         xy_px: ArrayLike,

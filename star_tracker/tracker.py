@@ -62,10 +62,11 @@ class StarTracker:
         searchers = setup.searchers(
             database, with_mirror_image(camera), scale_prior(camera.tolerance_percent)
         )
+        #: Those that may solve a frame: of each parity that is asked for.
+        self.searchers = searchers[: 2 if both_parities else 1]
         self._first = searchers[0]
-        n_asked = 2 if both_parities else 1
         self._escalation = Escalation(
-            searchers[:n_asked], searchers[n_asked:], setup.limits, fallback=candidates,
+            self.searchers, searchers[len(self.searchers):], setup.limits, fallback=candidates,
             primary=self._primary,
         )
         # Compiles the path and what a predicted solution needs: it would take a frame's time.

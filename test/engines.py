@@ -196,7 +196,7 @@ class Bench:
         setup = Setup(settings or MatchGroupSettings(), limits, sigma_px, 1000)
         self.expected = setup.expected
         (self.searcher,) = setup.searchers(database, (camera,), prior)
-        self.engine, self.results = self.searcher._engine, self.searcher.results
+        self.engine, self.results = self.searcher.engine, self.searcher.results
         self.camera, self.guides = camera, database.catalog.vectors
         (
             self.sky, self.frame, self.room, self.matches, self.best, self.votes, self.fan,

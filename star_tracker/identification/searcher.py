@@ -101,6 +101,8 @@ class Searcher:
     Attributes:
         camera: of that parity.
         catalog: the guide stars.
+        engine: `engine.Engine`, which Python hands to compiled code.
+        results: what both read and write.
         scale_is_told: whether the focal length is more than a place in a range.
         ended: how the last step ended.
         method: the matcher whose pose is the best.
@@ -108,7 +110,7 @@ class Searcher:
     """
 
     __slots__ = (
-        "_engine", "_progress", "_scale", "_stop_s", "camera", "catalog", "ended", "method",
+        "_progress", "_scale", "_stop_s", "camera", "catalog", "ended", "engine", "method",
         "mode", "results", "scale_is_told",
     )
 
@@ -117,7 +119,7 @@ class Searcher:
         scale_is_told: bool = True,
     ) -> None:
         self.scale_is_told = scale_is_told
-        self.camera, self.catalog, self._engine, self.results = camera, catalog, engine, results
+        self.camera, self.catalog, self.engine, self.results = camera, catalog, engine, results
         self._progress = results.progress[0]  # the record itself, not a copy of it
         self._scale = results.outcome["scale"]
         self._stop_s = math.inf
@@ -171,7 +173,7 @@ class Searcher:
 
     def _done(self, verb: int, task: Task) -> Ended:
         """Have the engine do something with a frame; return how that ended."""
-        return _ENDED[act(self._engine, verb, (task.xy_px, task.intensity), task.labels)]
+        return _ENDED[act(self.engine, verb, (task.xy_px, task.intensity), task.labels)]
 
     def field(self) -> StarField:
         """Return the frame's stars for the fallback; they hold until the next frame."""

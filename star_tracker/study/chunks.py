@@ -28,7 +28,8 @@ IDENTIFIED, WRONG, UNANSWERED = "IDENTIFIED", "WRONG", "UNANSWERED"
 MAPS, IMAGES = "maps", "real images"
 #: The sources that a result depends on, beside those that are compiled.
 _MEASURING = (
-    "frame_solution.py", "solution.py", "tracker.py", "maps/simulation.py", "maps/star_map.py",
+    "any_camera.py", "frame_solution.py", "solution.py", "tracker.py", "maps/simulation.py",
+    "maps/star_map.py",
     *(f"study/{name}.py" for name in (
         "chunks", "contestants", "own_methods", "paper_forms", "peers", "scenes"
     )),
