@@ -32,13 +32,15 @@ from star_tracker.optics.frame import see_at_scale
 
 #: Two poses are the same where their axes differ by less than this, rad.
 SAME_POSE_RAD = 0.02
-#: A pose with evidence between these is judged again with this tolerance. Beyond the second the
-#: search ends in any case.
+#: A pose with evidence between these is judged again with this tolerance. Beyond the second it
+#: has most of its stars, and is certain where not many centroids are its.
 _PROMISING, _BEYOND_DOUBT, _LOOK_FARTHER_PX = -1.0, 16.0, 6.0
 #: Cells judged for each main star, and for all of them together.
 _FEWEST_CELLS, _CELLS_OF_A_LEVEL = 6, 480
 #: Decades of evidence a centroid without which the search does not end at once.
 _NEEDED_A_STAR = 0.7
+#: The part of its centroids or of its guide stars that a pose shows which ends the search at once.
+_MOST = 2 / 3
 #: Matches that fix a pose wherever they are.
 _MANY_MATCHED = 15
 #: The work of judging a cell, in votes; by shape, of a run of rows, of a look at a cell's members
@@ -105,15 +107,20 @@ def search(engine: Any) -> int:
 def certain(progress: Any, limits: Limits, n: int) -> bool:
     """Return whether the best pose is certain, or enough and better than the next many."""
     # A true pose of many stars has much evidence: one with little may rest on a part of them only,
-    # a cluster in a corner above all, and be off. Such a one has to outlast the whole search.
-    score = progress.score
+    # a cluster in a corner above all, and be off. Such a one has to outlast the whole search. One
+    # that has much may be such a cluster too, where it leaves out many of the centroids and of the
+    # guide stars in its view: eleven Pleiades and a chance neighbour had 21 decades, and a roll
+    # that was 1.5 deg off.
+    score, n_matched = progress.score, progress.n_matched
     needed = max(limits.certain, _NEEDED_A_STAR * n)
-    if score > max(_BEYOND_DOUBT, needed) or (score > needed and 2 * progress.n_matched >= n):
+    if 2 * n_matched < n:
+        needed = max(needed, _BEYOND_DOUBT)
+    if score > needed and n_matched >= _MOST * min(n, progress.n_in_view):
         return True
     # Among hundreds of false stars nothing has that much. There a pose is sure that shows most of
     # the guide stars in its view, and many.
     matched = max(0.5 * progress.n_in_view, _MANY_MATCHED)
-    if n >= FULL_OF_FALSE and score > 2 * _BEYOND_DOUBT and progress.n_matched >= matched:
+    if n >= FULL_OF_FALSE and score > 2 * _BEYOND_DOUBT and n_matched >= matched:
         return True
     enough = max(limits.enough, 0.5 * _NEEDED_A_STAR * n)
     return score > enough and progress.n_since_best > limits.second_look

@@ -215,6 +215,13 @@ def test_no_scene_of_any_kind_is_solved_wrongly(scenes):
     assert [scene for scene in scenes if scene.verdict == "wrong"] == []
 
 
+def test_a_cluster_in_a_corner_does_not_fix_the_roll_of_a_clean_frame():
+    """Eleven Pleiades and a chance neighbour had 21 decades, and the roll 1.5 deg off."""
+    default = SolveSettings().max_log10_false_alarms
+    scene, = outcomes(range(50_019_200, 50_019_201), Asked(default, math.inf, "match_group"))
+    assert (scene.kind, scene.verdict) == ("clean", "right")
+
+
 def test_nearly_all_scenes_of_the_sky_are_solved(scenes):
     """What is not has few stars left, or is one of the hard frames of 12 deg."""
     sky = [scene.verdict for scene in scenes if scene.kind not in NO_SKY]
