@@ -115,7 +115,7 @@ def certain(progress: Any, limits: Limits, n: int) -> bool:
     needed = max(limits.certain, _NEEDED_A_STAR * n)
     if 2 * n_matched < n:
         needed = max(needed, _BEYOND_DOUBT)
-    if score > needed and n_matched >= _MOST * min(n, progress.n_in_view):
+    if score > needed and n_matched >= min(_MANY_MATCHED, _MOST * min(n, progress.n_in_view)):
         return True
     # Among hundreds of false stars nothing has that much. There a pose is sure that shows most of
     # the guide stars in its view, and many.
