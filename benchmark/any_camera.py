@@ -3,9 +3,9 @@
 `python benchmark/any_camera.py [--frames N]`: the conditions of the benchmark at both cameras,
 without brightness, for a field of view that is told exactly, 5 % wrong (within 6 %) and not at
 all (4 to 70 deg). For each the share of the frames that carry enough evidence at their true
-attitude and focal length (`bound`), then solved % / median ms / 95th
-percentile ms of CPU time, and how many are wrong; and the share that is solved in a stream of
-these frames, whose camera is learnt.
+attitude and focal length (`bound`), then solved % / median ms / 95th percentile ms of CPU time,
+and how many are wrong; and the share that is solved in a stream of these frames, whose camera is
+learnt.
 """
 
 import argparse
@@ -39,7 +39,7 @@ from star_tracker.maps.simulation import (
     boresight_angle_deg,
     frames,
 )
-from star_tracker.optics.camera import MOST_TOLERANCE_PERCENT, Camera
+from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings
 from star_tracker.study.contestants import Told
 from star_tracker.study.own_methods import OwnMethod
@@ -70,7 +70,7 @@ def is_right(seen: SyntheticField, solution: Solution, limit_deg: float) -> bool
 def evidence_at(engine: Any, xy_px: Floats, rotation: Floats, scale: float) -> tuple[float, int]:
     """Return the evidence of a pose in decades, and how many stars carry it.
 
-    None where the scale is not one of those that the engine searches.
+    Nothing where the scale is not one of those that the engine searches.
     """
     verbs.begin(engine, xy_px, np.empty(0))
     pose, prior = engine.room.pose, engine.sky.scale_prior
@@ -88,15 +88,12 @@ def evidence_at(engine: Any, xy_px: Floats, rotation: Floats, scale: float) -> t
 
 def bound(camera: Camera, condition: Condition, fields: list[SyntheticField]) -> str:
     """Return the share of frames with evidence enough, their true pose and scale judged alone."""
-    told = Told.of(SKY, camera, condition, DEADLINE_MS)
+    told, own = Told.of(SKY, camera, condition, DEADLINE_MS), OwnMethod("match_group")
     tracker: StarTracker | AnyCameraTracker
-    if told.fov_tolerance_percent <= MOST_TOLERANCE_PERCENT:
-        tracker, least = OwnMethod("match_group").tracker(SKY.database(), told), MIN_STARS
+    if condition.fov_error_percent is None:
+        tracker, least = own.any_camera_tracker(told), MIN_STARS_OF_A_SCALE
     else:
-        steps = ladder(told.fov_range_deg, (camera.width_px, camera.height_px), catalog="paper")
-        settings = SolveSettings(method="match_group", deadline_ms=DEADLINE_MS)
-        tracker = AnyCameraTracker(steps, settings, parity=camera.parity)
-        least = MIN_STARS_OF_A_SCALE
+        tracker, least = own.tracker(SKY.database(), told), MIN_STARS
     enough = -tracker.settings.max_log10_false_alarms
 
     def has_enough(one: SyntheticField) -> bool:

@@ -74,8 +74,12 @@ class AnyCameraTracker:
     @property
     def searchers(self) -> list[Searcher]:
         """Those that may solve a frame, of all scales."""
+        return self._asked(self._rungs)
+
+    def _asked(self, rungs: list[tuple[float, list[Searcher]]]) -> list[Searcher]:
+        """Return the searchers of each parity that may be the true one, in the rungs' order."""
         n_parities = 2 if self._both else 1
-        return [one for _, searchers in self._rungs for one in searchers[:n_parities]]
+        return [one for _, searchers in rungs for one in searchers[:n_parities]]
 
     def solve(
         self,
@@ -105,7 +109,7 @@ class AnyCameraTracker:
             return refused(task, first)
         n = first.n_usable
         rungs = sorted(self._rungs, key=lambda rung: abs(math.log((n + 1) / (rung[0] + 1))))
-        asked = [one for _, searchers in rungs for one in searchers[: 2 if self._both else 1]]
+        asked = self._asked(rungs)
         mirrors = [] if self._both else [searchers[1] for _, searchers in rungs]
         asked[0].follow(task, task.deadline_s)
         if asked[0].ended == Ended.SOLVED:

@@ -19,11 +19,11 @@ from star_tracker.identification.setup import Setup
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings, Status
 
-#: Decades of evidence that end the search at once, where half of the centroids are matched (else
-#: it takes twice as many: a cluster can carry a pose whose roll is off). Weaker evidence that is
-#: enough has to be better than that of the next so many candidates: a few true stars among 40 can
-#: carry a pose that is off by half a degree. And the sky's mirror image must not fit better: a
-#: real sky seen in a mirror has look-alikes along lines of stars (benchmark/wrong_solutions.py).
+#: Decades of evidence that end the search at once, where enough stars are matched
+#: (`search.certain`). Weaker evidence that is enough has to be better than that of the next so
+#: many candidates: a few true stars among 40 can carry a pose that is off by half a degree. And
+#: the sky's mirror image must not fit better: a real sky seen in a mirror has look-alikes along
+#: lines of stars (benchmark/wrong_solutions.py).
 _CERTAIN = 8.0
 _SECOND_LOOK = 10.0
 #: Work, in votes, between two looks of Python at the clock: some 0.3 ms, 10 ms at the most where

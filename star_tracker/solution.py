@@ -83,8 +83,8 @@ class SolveSettings:
 class _UnpackedLate:
     """An object whose fields are worked out when one of them is first read.
 
-    To make the parts of a solution takes about as long as to find a clear one, and many a user
-    reads some of them alone.
+    To make the parts of a solution takes a fifth of a clear frame's time, and many a user reads
+    some of them alone.
     """
 
     __slots__ = ("_late",)

@@ -71,18 +71,22 @@ class OwnMethod(Contestant):
         camera = replace(told.camera, tolerance_percent=tolerance)
         return StarTracker(database, camera, settings)
 
-    def _for_any_camera(self, told: Told) -> Entrant:
-        """Make it ready for a camera of a wide range, or any, field of view."""
+    def any_camera_tracker(self, told: Told) -> AnyCameraTracker:
+        """Return the tracker that is measured where the field of view may be any of a range."""
         camera = told.camera
         steps = _ladder(told.fov_range_deg, (camera.width_px, camera.height_px), told.sky)
         settings = SolveSettings(method=METHODS[0], deadline_ms=told.deadline_ms)
-        tracker = AnyCameraTracker(steps, settings, parity=camera.parity)
+        return AnyCameraTracker(steps, settings, parity=camera.parity)
+
+    def _for_any_camera(self, told: Told) -> Entrant:
+        """Make it ready for a camera of a wide range, or any, field of view."""
+        tracker = self.any_camera_tracker(told)
         return Entrant(
             lambda scene: (scene.xy_px, scene.intensity if self.brightness else None),
             lambda given: tracker.solve(*given),
             # Its numbers are those of the catalogue of a step, not of the sky's.
             lambda solution: replace(_answer(solution), catalog_index=None),
-            sum(step.database.nbytes for step in steps),
+            sum(step.database.nbytes for step in tracker.steps),
         )
 
     def _storage_bytes(self, database: FeatureDatabase) -> int:
