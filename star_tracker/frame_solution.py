@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.contradiction import FAR_PX
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.engine import parts_of
 from star_tracker.identification.escalation import Verdict
@@ -29,10 +30,6 @@ _SECOND_LOOK = 10.0
 #: Work, in votes, between two looks of Python at the clock: some 0.3 ms, 10 ms at the most where
 #: the focal length is told (benchmark/deadline.py).
 _WORK = 20_000.0
-#: Where the stars contradict a focal length that was told as exact, and are farther than this from
-#: their places with any other: the wrong stars, then, carry part of the pose. The eight maps had 7
-#: to 26 px with a field of view that was 4 to 6 % off, and 0.1 px with the right one.
-_CONTRADICTED_PX = 3.0
 _UNKNOWN = np.empty(0)
 _STATUS = {
     Ended.EXHAUSTED: Status.NO_MATCH, Ended.AMBIGUOUS: Status.AMBIGUOUS,
@@ -183,10 +180,15 @@ def _fields(
 
 
 def _is_contradicted(searcher: Searcher) -> bool:
-    """Return whether the stars are at odds with the camera as told and with any other."""
+    """Return whether the stars are at odds with the camera as told and with any other.
+
+    Where they contradict a focal length that was told as exact, and are far from their places with
+    any other, wrong stars carry part of the pose. The eight maps had 7 to 26 px with a field of
+    view that was 4 to 6 % off, and 0.1 px with the right one.
+    """
     return (
         searcher.scale_is_told and searcher.camera.tolerance_percent == 0
-        and searcher.results.outcome["rms_px"][0] > _CONTRADICTED_PX
+        and searcher.results.outcome["rms_px"][0] > FAR_PX
     )
 
 

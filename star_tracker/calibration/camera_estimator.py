@@ -9,8 +9,8 @@ stars cannot tell keeps its prior: no lens bends without stars that show it.
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its parts are loaded where they are used: together they cost a second
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from star_tracker.attitude.wahba import wahba
 from star_tracker.calibration.camera_model import CameraModel
@@ -223,8 +223,9 @@ class CameraEstimator:
         gate = _REACH * np.sqrt(self._sigma_px**2 + variance.max(axis=1))
         area = camera.width_px * camera.height_px
         gate[gate > _MOST_APART * np.sqrt(area / len(xy_px))] = 0.0
-        apart, nearest = cKDTree(xy_px).query(at)
-        back = cKDTree(at).query(xy_px)[1]
+        tree = scipy.spatial.cKDTree
+        apart, nearest = tree(xy_px).query(at)
+        back = tree(at).query(xy_px)[1]
         good = (apart < gate) & (back[nearest] == np.arange(len(inside)))
         return nearest[good], inside[good]
 

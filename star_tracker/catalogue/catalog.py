@@ -82,6 +82,14 @@ class StarCatalog:
         """Right ascension and declination of all stars, each (n,), radians, ICRS at `epoch`."""
         return ra_dec(self.vectors)
 
+    def subset(self, index: NDArray[np.intp]) -> "StarCatalog":
+        """Return the stars of these catalogue indices, in that order."""
+        source = self.gaia_source
+        return replace(
+            self, vectors=self.vectors[index], v_mag=self.v_mag[index], hip=self.hip[index],
+            number=self.number[index], gaia_source=source[index] if len(source) else source,
+        )
+
     def name(self, index: int) -> str:
         """Return what a star is called: see `star_name`."""
         source = int(self.gaia_source[index]) if len(self.gaia_source) else 0
@@ -231,12 +239,12 @@ def _narrow(
         raise ValueError(
             f"min_separation_deg {min_separation_deg:g} is outside of {low:g} to {high:g}"
         )
-    stars = _subset(stars, np.flatnonzero(stars.v_mag <= limiting_magnitude + MARGIN_MAG))
+    stars = stars.subset(np.flatnonzero(stars.v_mag <= limiting_magnitude + MARGIN_MAG))
     merged = merge_close(stars.vectors, stars.v_mag, float(np.radians(min_separation_deg)))
     stars = replace(
-        _subset(stars, merged.brightest), vectors=merged.vectors, v_mag=merged.v_mag
+        stars.subset(merged.brightest), vectors=merged.vectors, v_mag=merged.v_mag
     )
-    return _subset(stars, np.flatnonzero(stars.v_mag <= limiting_magnitude))
+    return stars.subset(np.flatnonzero(stars.v_mag <= limiting_magnitude))
 
 
 def _with_gaia(stars: StarCatalog, faint: GaiaStars) -> StarCatalog:
@@ -247,13 +255,4 @@ def _with_gaia(stars: StarCatalog, faint: GaiaStars) -> StarCatalog:
         v_mag=np.concatenate([stars.v_mag, faint.g_mag]),
         hip=np.concatenate([stars.hip, none]), number=np.concatenate([stars.number, none]),
         gaia_source=np.concatenate([np.zeros(len(stars), np.int64), faint.source]),
-    )
-
-
-def _subset(catalog: StarCatalog, index: NDArray[np.intp]) -> StarCatalog:
-    source = catalog.gaia_source
-    return replace(
-        catalog, vectors=catalog.vectors[index], v_mag=catalog.v_mag[index],
-        hip=catalog.hip[index], number=catalog.number[index],
-        gaia_source=source[index] if len(source) else source,
     )

@@ -27,10 +27,9 @@ from star_tracker.commands.options import (
     add_focal_length_argument,
     add_map_arguments,
     add_sigma_argument,
-    cell,
     check_positive,
-    print_result,
 )
+from star_tracker.commands.printing import cell, print_result
 from star_tracker.geometry.spherical import ARCSEC_PER_RAD, Floats, separation
 
 #: The rows of the table: key of the record, heading, unit, format.

@@ -17,10 +17,9 @@ from star_tracker.commands.options import (
     Record,
     add_focal_length_argument,
     add_json_argument,
-    cell,
     check_positive,
-    print_result,
 )
+from star_tracker.commands.printing import cell, print_result
 from star_tracker.offline.frame_file import is_star_map
 from star_tracker.optics.camera import Camera
 

@@ -10,7 +10,8 @@ from star_tracker.calibration.camera_file import write_camera
 from star_tracker.calibration.camera_model import CENTER, PARAMETERS
 from star_tracker.calibration.many_frames import CalibratedFrames, Sighting, calibrate_frames
 from star_tracker.commands.frame_options import asked_of, paths_of
-from star_tracker.commands.options import Record, cell, print_result
+from star_tracker.commands.options import Record
+from star_tracker.commands.printing import cell, print_result
 from star_tracker.offline.frame_file import FileFrame
 from star_tracker.offline.solving import frames_of
 from star_tracker.offline.spreading import Spread

@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from star_tracker.commands.options import add_json_argument, bar_console
+from star_tracker.commands.options import add_json_argument
+from star_tracker.commands.printing import bar_console
 from star_tracker.resources import resource_path
 
 if TYPE_CHECKING:

@@ -23,10 +23,9 @@ from star_tracker.commands.options import (
     Record,
     add_map_arguments,
     add_sigma_argument,
-    cell,
     check_positive,
-    print_result,
 )
+from star_tracker.commands.printing import cell, print_result
 from star_tracker.geometry.spherical import ARCSEC_PER_RAD, Floats
 
 _ATTITUDES: dict[str, Callable[[Floats, float], Floats]] = {

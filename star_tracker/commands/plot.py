@@ -8,12 +8,8 @@ import numpy as np
 
 from star_tracker.catalogue.catalog import CATALOGS, StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.commands.options import (
-    Record,
-    add_json_argument,
-    check_positive,
-    print_result,
-)
+from star_tracker.commands.options import Record, add_json_argument, check_positive
+from star_tracker.commands.printing import print_result
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.searcher import METHODS
 from star_tracker.maps.frame_file import read_frame

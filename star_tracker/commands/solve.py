@@ -18,7 +18,8 @@ from star_tracker.commands.frame_options import (
     asked_of,
     paths_of,
 )
-from star_tracker.commands.options import add_json_argument, bar_console
+from star_tracker.commands.options import add_json_argument
+from star_tracker.commands.printing import bar_console
 from star_tracker.commands.solve_output import Output
 from star_tracker.offline.solving import Asked, Result, frames_of, solve_frames
 from star_tracker.offline.spreading import Spread

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # its parts are loaded where they are used: together they cost a second
 
 from star_tracker.earth.rotation import load_erfa
 from star_tracker.geometry.spherical import Floats
@@ -142,6 +142,6 @@ def absorbed_rotation(
             columns.append(np.append((outward @ rotation.T).ravel(), root))
             wanted = np.append(wanted, -root * scale)
         step = np.linalg.lstsq(np.column_stack(columns), wanted, rcond=_LEAST_SINGULAR)[0]
-        rotation = Rotation.from_rotvec(step[:3]).as_matrix() @ rotation
+        rotation = scipy.spatial.transform.Rotation.from_rotvec(step[:3]).as_matrix() @ rotation
         scale += float(step[3]) if scale_fit is not None else 0.0
     return rotation

@@ -4,6 +4,10 @@ A camera that is taken at its word gives a wrong attitude, and a covariance that
 it, where its focal length is wrong: the pose leans on those stars that fit by chance. The sum of
 squared residuals tells: with the focal length free it falls by a factor that pure noise does not
 reach (a likelihood ratio of e^10, which is 4.5 standard deviations where stars are many).
+
+Where part of the stars are matched wrongly it does not tell: they fit by chance, and with another
+focal length no better. So a pose whose stars lie far from their places is judged again with the
+focal length free, and has to have more evidence than that.
 """
 
 from typing import Any
@@ -14,7 +18,9 @@ from numpy.typing import NDArray
 from star_tracker.attitude.joint_fit import refine_scaled
 from star_tracker.attitude.pose import copy_pose
 from star_tracker.compiled import compiled
+from star_tracker.identification.judge import GATE_TOLERANCES
 from star_tracker.identification.labels import measure
+from star_tracker.identification.search import LOOK_FARTHER_PX, judged
 from star_tracker.optics.frame import see_at_scale
 
 #: The logarithm of the likelihood ratio that contradicts, and least deviation of the focal length
@@ -22,6 +28,8 @@ from star_tracker.optics.frame import see_at_scale
 _CONTRADICTS, _LEAST = 10.0, 1e-3
 #: Steps of the fit, once it is wanted.
 _STEPS = 4
+#: Stars that lie farther than this from their places, root mean square, are far, px.
+FAR_PX = 3.0
 
 
 @compiled
@@ -50,3 +58,24 @@ def fit_focal_length(engine: Any, labels: NDArray[np.void], k: int, sum2: float)
     for i in range(k):
         labels[frame.row[matches.observed[i]]].residual_px = np.sqrt(matches.residual2[i])
     return freed
+
+
+@compiled
+def fits_better_scaled(engine: Any) -> bool:
+    """Return whether the best pose has clearly more evidence with another focal length.
+
+    It is begun from a longer and from a shorter one, each so far off that the stars at the border
+    still fall into the gate. More evidence has to be as much as a pose needs against chance. Room
+    and matches are used; the frame is seen at the best pose's scale again.
+    """
+    sky, frame, pose, best = engine.doubt, engine.frame, engine.room.pose, engine.best
+    copy_pose(best, pose)
+    told = max(engine.progress[0].score, judged(engine, engine.sky, pose, LOOK_FARTHER_PX))
+    reach = GATE_TOLERANCES * LOOK_FARTHER_PX / (sky.focal_px * np.tan(sky.radius_rad))
+    found = -np.inf
+    for start in (1.0 / (1.0 + reach), 1.0 + reach):
+        copy_pose(best, pose)
+        pose.scale, pose.free = best.scale * start, True
+        found = max(found, judged(engine, sky, pose, LOOK_FARTHER_PX))
+    see_at_scale(frame, sky.focal_px, best.scale)
+    return found > told + engine.limits.enough

@@ -15,7 +15,8 @@ class Ended(IntEnum):
         NO_ROTATION: the predicted pose is no rotation.
         AMBIGUOUS: the best pose is good enough, and so is another.
         CONTRADICTED: the best pose is good enough, and most of the stars that make it so are gone
-            once it is fitted to them: the camera is another one.
+            once it is fitted to them, or it fits far better with another focal length: the camera
+            is another one.
     """
 
     MORE = 0

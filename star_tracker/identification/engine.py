@@ -12,6 +12,7 @@ from star_tracker.compiled import compiled, struct
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.cells import empty_room
 from star_tracker.identification.crowd import no_crowd
+from star_tracker.identification.evidence import scale_prior
 from star_tracker.identification.judge import Sky, View, empty_matches
 from star_tracker.identification.progress import PROGRESS
 from star_tracker.identification.search import Limits
@@ -27,6 +28,7 @@ PairsType, Pairs = struct("Pairs", __name__, PairTable._fields)
 ScratchType, Scratch = struct("Scratch", __name__, ("votes", "room", "matches", "fan"))
 
 #: - sky, pairs, triangles: the guide stars and the camera that looks at them;
+#: - doubt: the same sky, and a camera whose focal length may be wrong by `_DOUBT`;
 #: - levels: the levels of the search (`plan.LEVEL`);
 #: - limits: when it ends (`search.Limits`);
 #: - votes, room, matches, fan: scratch memory;
@@ -37,8 +39,8 @@ ScratchType, Scratch = struct("Scratch", __name__, ("votes", "room", "matches", 
 #: - outcome: (1,) of `OUTCOME`;
 #: - quaternion, covariance: (4,) and (3, 3) of the attitude of a labelled frame.
 EngineType, Engine = struct("Engine", __name__, (
-    "sky", "pairs", "triangles", "levels", "limits", "votes", "room", "matches", "fan", "frame",
-    "crowd", "progress", "proposed", "best", "outcome", "quaternion", "covariance",
+    "sky", "doubt", "pairs", "triangles", "levels", "limits", "votes", "room", "matches", "fan",
+    "frame", "crowd", "progress", "proposed", "best", "outcome", "quaternion", "covariance",
 ))
 
 #: What became of a frame. `n_usable` centroids are finite and in the image; the rest is that of a
@@ -52,6 +54,8 @@ OUTCOME = np.dtype([
     ("wrong_probability", np.float64), ("score", np.float64),
 ])
 _N_OUTCOME = OUTCOME.itemsize // 8
+#: By so much a focal length may be wrong that was told as exact.
+_DOUBT = scale_prior(10.0)
 
 
 class Sizes(NamedTuple):
@@ -118,6 +122,9 @@ def make_engine(
         view.guides, view.v_mag, view.optics, view.focal_px, view.radius_rad, view.evidence,
         view.scale_prior,
     )
+    doubt = Sky(
+        view.guides, view.v_mag, view.optics, view.focal_px, view.radius_rad, view.evidence, _DOUBT
+    )
     pairs = Pairs(
         table.separation_rad, table.main_azimuth, table.bin_start, table.near_start,
         table.near_separation_rad, table.near_azimuth, table.near_companion,
@@ -129,7 +136,7 @@ def make_engine(
     )
     levels, limits = search
     return Engine(
-        sky, pairs, triangles, levels, limits,
+        sky, doubt, pairs, triangles, levels, limits,
         scratch.votes, scratch.room, scratch.matches, scratch.fan,
         empty_frame(results.vectors), no_crowd(),
         results.progress, results.proposed, Pose(results.rotation, 1.0, False),

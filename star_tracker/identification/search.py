@@ -6,7 +6,7 @@ import numpy as np
 
 from star_tracker.attitude.pose import copy_pose
 from star_tracker.attitude.wahba import solve_wahba
-from star_tracker.compiled import compiled
+from star_tracker.compiled import compiled, inlined
 from star_tracker.identification.cells import best_cells, members, triangle_check
 from star_tracker.identification.crowd import crowding
 from star_tracker.identification.ended import Ended
@@ -34,7 +34,7 @@ from star_tracker.optics.frame import see_at_scale
 SAME_POSE_RAD = 0.02
 #: A pose with evidence between these is judged again with this tolerance. Beyond the second it
 #: has most of its stars, and is certain where not many centroids are its.
-_PROMISING, _BEYOND_DOUBT, _LOOK_FARTHER_PX = -1.0, 16.0, 6.0
+_PROMISING, _BEYOND_DOUBT, LOOK_FARTHER_PX = -1.0, 16.0, 6.0
 #: Cells judged for each main star, and for all of them together.
 _FEWEST_CELLS, _CELLS_OF_A_LEVEL = 6, 480
 #: Decades of evidence a centroid without which the search does not end at once.
@@ -221,19 +221,33 @@ def _judge_candidate(engine: Any, tolerance_px: float) -> None:
     score = judge_and_keep(engine, engine.room.pose, tolerance_px)
     engine.progress[0].n_judged += 1
     # Noise larger than the tolerance leaves part of the true stars out: look farther.
-    doubtful = score < max(_BEYOND_DOUBT, _NEEDED_A_STAR * engine.frame.n)
-    if score > _PROMISING and doubtful and tolerance_px < _LOOK_FARTHER_PX:
-        judge_and_keep(engine, engine.room.pose, _LOOK_FARTHER_PX)
+    is_doubtful = doubtful(score, engine.frame.n)
+    if score > _PROMISING and is_doubtful and tolerance_px < LOOK_FARTHER_PX:
+        judge_and_keep(engine, engine.room.pose, LOOK_FARTHER_PX)
+
+
+@inlined
+def doubtful(score: float, n: int) -> bool:
+    """Return whether a pose has so little evidence that it may rest on a part of n centroids."""
+    return score < max(_BEYOND_DOUBT, _NEEDED_A_STAR * n)
+
+
+@compiled
+def judged(engine: Any, sky: Any, pose: Any, tolerance_px: float) -> float:
+    """Improve a pose; return its evidence less what a crowd of centroids has in it."""
+    matches = engine.matches
+    score = judge(sky, engine.frame, tolerance_px, pose, matches)
+    if score > 0.0:
+        area_px2 = sky.optics[0] * sky.optics[1]
+        score -= crowding(engine.crowd, engine.frame, area_px2, matches.observed, matches.n_best)
+    return score
 
 
 @compiled
 def judge_and_keep(engine: Any, pose: Any, tolerance_px: float) -> float:
     """Judge a pose, keep it if it is the best, or the best of the others; return its score."""
     matches, progress, best = engine.matches, engine.progress[0], engine.best
-    score = judge(engine.sky, engine.frame, tolerance_px, pose, matches)
-    if score > 0.0:
-        area_px2 = engine.sky.optics[0] * engine.sky.optics[1]
-        score -= crowding(engine.crowd, engine.frame, area_px2, matches.observed, matches.n_best)
+    score = judged(engine, engine.sky, pose, tolerance_px)
     progress.n_since_best += 1
     # Trace of best^T rotation: 1 + 2 cos(angle between the two poses).
     trace = 0.0

@@ -26,13 +26,17 @@ from star_tracker.geometry.rotation import (
 )
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.brightness import how_usual
-from star_tracker.identification.contradiction import fit_focal_length
+from star_tracker.identification.contradiction import (
+    FAR_PX,
+    fit_focal_length,
+    fits_better_scaled,
+)
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
 from star_tracker.identification.judge import GATE_TOLERANCES
 from star_tracker.identification.labels import StarState, label_frame
 from star_tracker.identification.progress import POSE_LEAD, forget, wrong_probability
-from star_tracker.identification.search import certain, judge_and_keep, search
+from star_tracker.identification.search import certain, doubtful, judge_and_keep, search
 from star_tracker.identification.symmetry import fits_in_mirror
 from star_tracker.optics.frame import fill_frame, see_at_scale
 
@@ -166,7 +170,12 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     )
     progress = engine.progress[0]
     outcome.wrong_probability, outcome.score = wrong_probability(progress), progress.score
-    return Ended.CERTAIN if _tells_no_parity(engine, k, outcome.rms_px) else Ended.SOLVED
+    if _tells_no_parity(engine, k, outcome.rms_px):
+        return Ended.CERTAIN
+    far = outcome.rms_px > FAR_PX and doubtful(progress.score, frame.n)
+    if far and not engine.best.free and fits_better_scaled(engine):
+        return Ended.CONTRADICTED
+    return Ended.SOLVED
 
 
 @compiled

@@ -50,6 +50,8 @@ class Outcomes:
             empty for a map.
         cpu_ms: CPU time of each solve.
         n_true: guide stars among the centroids of each frame; empty where that is not known.
+        nees: the boresight's squared error of each frame in units of the covariance that was told
+            with it; None = unsolved, or none was told.
         storage_bytes: size of the features that were searched, None = not known.
     """
 
@@ -58,6 +60,7 @@ class Outcomes:
     error_deg: list[float | None] = field(default_factory=list)
     cpu_ms: list[float] = field(default_factory=list)
     n_true: list[int] = field(default_factory=list)
+    nees: list[float | None] = field(default_factory=list)
 
     def add(self, scene: Scene, answer: Answer, cpu_ms: float, limit_deg: float) -> None:
         """Judge an answer: identified where the boresight is within the limit, else wrong."""
@@ -66,10 +69,13 @@ class Outcomes:
             self.n_true.append(scene.n_true)
         if answer.rotation is None:
             self.error_deg.append(None)
+            self.nees.append(None)
             self.outcomes.append(answer.ended)
             return
         error_deg = scene.error_deg(answer.rotation)
         self.error_deg.append(error_deg)
+        covariance = answer.covariance_rad2
+        self.nees.append(None if covariance is None else scene.nees(answer.rotation, covariance))
         # A rotation of NaN is no place in the sky: wrong.
         self.outcomes.append(IDENTIFIED if error_deg <= limit_deg else WRONG)
 

@@ -65,11 +65,13 @@ class Answer:
         rotation: (3, 3) camera to ICRS; None = not solved.
         ended: why not, a name of `Status`.
         catalog_index: (n,) the guide star of each centroid, -1 = none; None = it names none.
+        covariance_rad2: (3, 3) of small rotations about the camera's axes; None = it tells none.
     """
 
     rotation: Floats | None
     ended: str = "NO_MATCH"
     catalog_index: NDArray[np.int64] | None = None
+    covariance_rad2: Floats | None = None
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ def _ladder(
 
 def _answer(solution: Solution) -> Answer:
     attitude = solution.attitude
-    return Answer(
-        None if attitude is None else attitude.rotation, solution.status.value,
-        solution.identification.catalog_index,
-    )
+    index = solution.identification.catalog_index
+    if attitude is None:
+        return Answer(None, solution.status.value, index)
+    return Answer(attitude.rotation, solution.status.value, index, attitude.covariance_rad2)

@@ -19,6 +19,8 @@ from star_tracker.study.quantities import Value
 
 #: Standard normal quantile of a two-sided 95 % interval.
 _Z = 1.959963984540054
+#: The 99 % bound of chi-square with 2 degrees of freedom.
+_BOUND = -2 * math.log(0.01)
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,9 @@ class Record:
         time_ratio: median time of the study's first contestant over this one's, on the frames
             that this one saw; None where the first one takes no part.
         storage_bytes: size of the features that were searched; None = not known.
+        beyond_bound_percent: solved frames whose boresight is off by more than the 99 % bound of
+            the covariance told with it; None where none is told.
+        n_wrong_beyond: how many of the wrong ones are; None where no covariance is told.
     """
 
     contestant: str
@@ -67,6 +72,8 @@ class Record:
     p95_cpu_ms: float
     time_ratio: float | None
     storage_bytes: int | None
+    beyond_bound_percent: float | None
+    n_wrong_beyond: int | None
 
 
 def wilson(k: int, n: int) -> tuple[float, float]:
@@ -88,7 +95,7 @@ def summarise(study: Study, results: dict[Chunk, list[Outcomes]]) -> list[Record
         cell = cells.setdefault(chunk.place, {})
         for contestant, one in zip(chunk.contestants, result, strict=True):
             all_ = cell.setdefault(contestant.title, Outcomes(one.storage_bytes))
-            for name in ("outcomes", "error_deg", "cpu_ms", "n_true"):
+            for name in ("outcomes", "error_deg", "cpu_ms", "n_true", "nees"):
                 getattr(all_, name).extend(getattr(one, name))
     records = []
     for place in places(study):
@@ -111,6 +118,9 @@ def _record(
     ]
     n, right, wrong = len(outcomes), outcomes.count(IDENTIFIED), outcomes.count(WRONG)
     right_bounds, wrong_bounds = wilson(right, n), wilson(wrong, n)
+    beyond = {
+        at: nees > _BOUND for at, nees in enumerate(found.nees) if nees is not None
+    }
     median_ms, p95_ms = np.percentile(cpu_ms, [50, 95]).tolist()
     return Record(
         contestant.title, place.camera, place.sweep, place.value, place.condition.words, n,
@@ -123,6 +133,8 @@ def _record(
         median_ms, p95_ms,
         float(np.median(first.cpu_ms[:: contestant.every])) / median_ms if first else None,
         found.storage_bytes,
+        100 * float(np.mean(list(beyond.values()))) if beyond else None,
+        sum(outcomes[at] == WRONG for at in beyond if beyond[at]) if beyond else None,
     )
 
 

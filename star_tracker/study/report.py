@@ -161,6 +161,8 @@ def definitions(study: Study) -> list[tuple[str, str]]:
         ("unanswered", "not solved, and said so."),
         ("bound", "frames that show four true stars or more, %."),
         ("error", "of the boresight, median over the identified frames."),
+        ("beyond bound", "solved frames whose boresight is off by more than the 99 % bound of the "
+         "covariance told with it, by chi-square of 2 degrees of freedom: 1 % where it is true."),
         ("intervals", "95 %, Wilson's. The bars of the curves are the same. Markers at one value "
          "stand side by side to be told apart."),
         ("CPU time", "of the process during a contestant's own call, from pixels to attitude, "

@@ -63,6 +63,17 @@ class Scene:
         """Return how far a found rotation (3, 3), camera to ICRS, puts the boresight off."""
         return float(np.degrees(separation(rotation[:, 2], self.boresight)))
 
+    def nees(self, rotation: Floats, covariance_rad2: Floats) -> float:
+        """Return the boresight's squared error in units of the covariance of a found rotation.
+
+        Of true covariances it has a chi-square distribution of 2 degrees of freedom (Bar-Shalom
+        et al. 2001, 5.4). The covariance is that of small rotations about the camera's axes, which
+        move the boresight across: one about x towards -y, one about y towards x.
+        """
+        seen = rotation.T @ self.boresight
+        turned = np.array([-seen[1], seen[0]]) / seen[2]
+        return float(turned @ np.linalg.solve(covariance_rad2[:2, :2], turned))
+
 
 def simulated(
     sky: Sky, camera: Camera, condition: Condition, n: int, seed: np.random.SeedSequence

@@ -73,6 +73,14 @@ def ratio(record: Record) -> str:
     return "" if record.time_ratio is None else three_digits(record.time_ratio)
 
 
+def beyond_bound(record: Record) -> str:
+    """Return how many solved frames are beyond the bound of their covariance, and wrong ones."""
+    if record.beyond_bound_percent is None:
+        return ""
+    n_wrong = round(record.wrong_percent * record.n / 100)
+    return f"{record.beyond_bound_percent:.1f} / {record.n_wrong_beyond} of {n_wrong}"
+
+
 def three_digits(value: float) -> str:
     """Return a number with three significant digits, or whole."""
     digits = 2 - math.floor(math.log10(value)) if value > 0 else 0
@@ -118,4 +126,19 @@ def markdown_tables(study: Study, records: list[Record]) -> list[str]:
                     [[row.label, *row.cells(study, ratio)[1:]] for row in found],
                 ),
             ]
+        parts += _covariances(study, found)
     return parts
+
+
+def _covariances(study: Study, found: list[Row]) -> list[str]:
+    """Return how true the covariances are of those contestants that tell one; nothing for none."""
+    body = [[row.label, *row.cells(study, beyond_bound)] for row in found]
+    names = ["condition", *(one.title for one in study.contestants)]
+    told = [at for at in range(len(names)) if any(cells[at] for cells in body)]
+    if len(told) < 2:
+        return []
+    return [
+        "Solved frames beyond the 99 % bound of the covariance told with them, % (1 where it is "
+        "true) / how many of the wrong ones are:",
+        markdown_table([names[at] for at in told], [[cells[at] for at in told] for cells in body]),
+    ]

@@ -7,6 +7,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from star_tracker.geometry.rotation import rotation_from_boresight
 from star_tracker.geometry.spherical import unit_vectors
@@ -176,6 +177,27 @@ def test_a_solution_is_judged_by_its_boresight(found, outcome):
     assert result.outcomes == [outcome]
     assert result.n_true == [5]
     assert len(result.cpu_ms) == len(result.error_deg) == 1
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_an_error_is_weighed_by_the_covariance_that_was_told(axis):
+    """A turn of two standard deviations about an axis; that of the roll moves no boresight."""
+    sigma_rad = np.array([1e-4, 3e-4, 5e-3])
+    turn = Rotation.from_rotvec(2 * sigma_rad * np.eye(3)[axis])
+    covariance = np.diag(sigma_rad**2)
+    true = rotation(70.0, roll_deg=20.0)
+    scene = Scene(np.zeros((5, 2)), None, (true @ turn.as_matrix())[:, 2], 5)
+    assert scene.nees(true, covariance) == pytest.approx(0.0 if axis == 2 else 4.0, abs=1e-4)
+
+
+def test_correlated_errors_are_weighed_with_their_sign():
+    rng = np.random.default_rng(3)
+    covariance = np.array([[4.0, 2.5, 0.0], [2.5, 3.0, 0.0], [0.0, 0.0, 90.0]]) * 1e-8
+    true, found = rotation(70.0, roll_deg=20.0), []
+    for turn in rng.multivariate_normal(np.zeros(3), covariance, 2000):
+        claimed = true @ Rotation.from_rotvec(turn).as_matrix()
+        found.append(Scene(np.zeros((5, 2)), None, true[:, 2]).nees(claimed, covariance))
+    assert np.mean(found) == pytest.approx(2.0, abs=0.15)  # chi-square of 2 degrees of freedom
 
 
 def test_each_frame_has_an_order_of_its_own_in_which_all_that_are_due_have_a_turn():

@@ -70,7 +70,7 @@ def by_hand(small):
     result = [
         Outcomes(
             2_000_000, [IDENTIFIED, "WRONG", IDENTIFIED, IDENTIFIED], [0.001, 2.0, 0.003, 0.002],
-            [1.0, 50.0, 3.0, 60.0], [4, 3, 7, 9],
+            [1.0, 50.0, 3.0, 60.0], [4, 3, 7, 9], [1.0, 1e3, 9.3, 2.0],
         ),
         Outcomes(None, [IDENTIFIED, "TIMEOUT"], [0.001, None], [0.01, 0.03], [4, 7]),
     ]
@@ -82,6 +82,8 @@ def test_a_record_by_hand(small):
     assert us.median_error_arcsec == pytest.approx(0.002 * 3600)
     assert (us.bound_percent, us.n, us.n_timeout, us.time_ratio) == (75.0, 4, 0, 1.0)
     assert (them.n, them.n_timeout, them.storage_bytes) == (2, 1, None)
+    assert (us.beyond_bound_percent, us.n_wrong_beyond) == (50.0, 1)
+    assert (them.beyond_bound_percent, them.n_wrong_beyond) == (None, None)
     # Our median on the two frames that they have seen: 2 ms against 0.02 ms.
     assert them.time_ratio == pytest.approx(100)
     us_, them_ = report.balances(study, [us, them])
@@ -96,7 +98,8 @@ def test_the_tables_as_markdown(small):
     assert (
         "| m40 | 75.0 | 75.0 / 25.0 / 26.5 / 58.5 | 50.0 / 0.0 / 0.0200 / 0.0290 |" in lines
     )
-    assert lines[-1] == "| m40 | 100 |"
+    assert "| m40 | 100 |" in lines
+    assert lines[-3:] == ["| condition | us |", "| --- | ---: |", "| m40 | 50.0 / 1 of 1 |"]
 
 
 @pytest.mark.parametrize(

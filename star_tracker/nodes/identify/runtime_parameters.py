@@ -101,10 +101,9 @@ class RuntimeParameters:
     def _build(self, setup: SolverSetup) -> None:
         """Build in a thread of its own; a tracker too, which compiles and builds patterns."""
         try:
-            note = exercise_solver() if self._active is None else ""
+            if self._active is None:
+                exercise_solver()
             database = setup.build_database()
-            if note and not database.cache_note:  # the exercise has mended the file meanwhile
-                database = replace(database, cache_note=note)
             setup.tracker(database)
             self._built = database
         except Exception as error:  # whatever it is, it is told in the executor
