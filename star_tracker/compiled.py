@@ -69,6 +69,18 @@ def _compile(function: Callable[..., Any], **more: bool) -> Any:
         config.CACHE_DIR = before
 
 
+def machine_code(function: Any, *like: Any) -> Callable[..., Any]:
+    """Return a compiled function for arguments of the very types of these, compiled now.
+
+    It does not look at types any more, which takes longer than a short function: who calls it has
+    to hand over what has them.
+    """
+    kinds = tuple(numba.typeof(one) for one in like)
+    there = function.overloads.get(kinds)  # no lock is taken for what this process has already
+    code: Callable[..., Any] = there.entry_point if there else function.compile(kinds)
+    return code
+
+
 @dataclass(frozen=True)
 class CacheState:
     """The cache of compiled code.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from star_tracker.catalogue.catalog import StarCatalog
+from star_tracker.compiled import machine_code
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.engine import Results
@@ -110,7 +111,7 @@ class Searcher:
     """
 
     __slots__ = (
-        "_progress", "_scale", "_stop_s", "camera", "catalog", "ended", "engine", "method",
+        "_act", "_progress", "_scale", "_stop_s", "camera", "catalog", "ended", "engine", "method",
         "mode", "results", "scale_is_told",
     )
 
@@ -123,6 +124,8 @@ class Searcher:
         self._progress = results.progress[0]  # the record itself, not a copy of it
         self._scale = results.outcome["scale"]
         self._stop_s = math.inf
+        nothing = np.empty((0, 2)), np.empty(0)
+        self._act = machine_code(act, engine, _FOLLOW, nothing, blank_labels(0))
         self.ended, self.method, self.mode = Ended.MORE, METHODS[0], LOST_IN_SPACE
 
     def follow(self, task: Task, stop_s: float = math.inf) -> None:
@@ -173,7 +176,10 @@ class Searcher:
 
     def _done(self, verb: int, task: Task) -> Ended:
         """Have the engine do something with a frame; return how that ended."""
-        return _ENDED[act(self.engine, verb, (task.xy_px, task.intensity), task.labels)]
+        # `received` has made sure of the arrays' types.
+        return _ENDED[
+            self._act(self.engine, verb, (task.xy_px, task.intensity), task.labels)
+        ]
 
     def field(self) -> StarField:
         """Return the frame's stars for the fallback; they hold until the next frame."""
