@@ -38,6 +38,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from star_tracker.maps.star_map import paper_maps
+from star_tracker.resources import resource_path
 from star_tracker.msg_adapters.point_cloud import Centroids, cloud_from_centroids
 
 RATE_HZ, FAULTY = 50.0, 0.05
@@ -275,7 +276,7 @@ def main() -> int:
     options = parser.parse_args()
     process = subprocess.Popen(
         [sys.executable, "-m", "star_tracker.nodes.identify_node", "--ros-args", "--log-level",
-         "fatal", "-p", "parity:=mirrored"], cwd=ROOT,
+         "fatal", "--params-file", str(resource_path("config/fov12.yaml"))], cwd=ROOT,
     )
     console = Console()
     try:

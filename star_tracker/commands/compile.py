@@ -75,8 +75,8 @@ def exercise_solver() -> None:
     (star_map,) = paper_maps((1,))
     camera, sky = star_map.camera, StarCatalog.paper()
     # The stars around the map's will do, and no file of features is needed for so few.
-    first = sky.vectors[np.isin(sky.number, star_map.star_number)].mean(axis=0)
-    around = sky.subset(np.flatnonzero(sky.vectors @ first > np.cos(2 * camera.radius_rad)))
+    middle = sky.vectors[np.isin(sky.number, star_map.star_number)].mean(axis=0)
+    around = sky.subset(np.flatnonzero(sky.vectors @ middle > np.cos(2 * camera.radius_rad)))
     found = StarTracker(FeatureDatabase.build(around), camera).solve(star_map.xy_px)
     taught = StreamNoise()
     for _ in range(4):

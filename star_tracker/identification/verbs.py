@@ -170,12 +170,12 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     )
     progress = engine.progress[0]
     outcome.wrong_probability, outcome.score = wrong_probability(progress), progress.score
-    if _tells_no_parity(engine, k, outcome.rms_px):
-        return Ended.CERTAIN
+    needs_parity = _tells_no_parity(engine, k, outcome.rms_px)
+    # The last step, as it takes the matches.
     far = outcome.rms_px > FAR_PX and doubtful(progress.score, frame.n)
     if far and not engine.best.free and fits_better_scaled(engine):
         return Ended.CONTRADICTED
-    return Ended.SOLVED
+    return Ended.CERTAIN if needs_parity else Ended.SOLVED
 
 
 @compiled
