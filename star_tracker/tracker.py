@@ -19,6 +19,9 @@ from star_tracker.identification.stream import Expectation, expect
 from star_tracker.optics.camera import Camera
 from star_tracker.solution import Solution, SolveSettings
 
+#: Python 3.11 takes longer over `Ended.SOLVED` than over a call.
+_SOLVED = Ended.SOLVED
+
 
 class StarTracker:
     """Identifies the stars of single frames, lost in space, for one camera and database.
@@ -97,7 +100,7 @@ class StarTracker:
         if predicted is not None and self._track(task, predicted):
             return labelled(task, first, 0)
         first.follow(task)
-        if first.ended == Ended.SOLVED:  # nearly every frame
+        if first.ended == _SOLVED:  # nearly every frame
             return labelled(task, first, first.n_hypotheses)
         if first.ended == Ended.TOO_FEW:
             return refused(task, first)
@@ -125,4 +128,4 @@ class StarTracker:
         self._first.track(task, rotation)
         if self._first.ended == Ended.NO_ROTATION:
             raise ValueError("the predicted attitude is no rotation: R^T R = 1, determinant +1")
-        return self._first.ended == Ended.SOLVED
+        return self._first.ended == _SOLVED

@@ -111,8 +111,8 @@ class Searcher:
     """
 
     __slots__ = (
-        "_act", "_progress", "_scale", "_stop_s", "camera", "catalog", "ended", "engine", "method",
-        "mode", "results", "scale_is_told",
+        "_act", "_n_hypotheses", "_progress", "_scale", "_stop_s", "camera", "catalog", "ended",
+        "engine", "method", "mode", "results", "scale_is_told",
     )
 
     def __init__(
@@ -122,7 +122,9 @@ class Searcher:
         self.scale_is_told = scale_is_told
         self.camera, self.catalog, self.engine, self.results = camera, catalog, engine, results
         self._progress = results.progress[0]  # the record itself, not a copy of it
+        # What is read of every frame, each as an array of one: a record takes ten times as long.
         self._scale = results.outcome["scale"]
+        self._n_hypotheses = results.progress["n_hypotheses"]
         self._stop_s = math.inf
         nothing = np.empty((0, 2)), np.empty(0)
         self._act = machine_code(act, engine, _FOLLOW, nothing, blank_labels(0))
@@ -198,7 +200,7 @@ class Searcher:
     @property
     def scale(self) -> float:
         """The focal length of the labelled pose as a multiple of the told one."""
-        return float(self._scale[0])
+        return float(self._scale.item())
 
     @property
     def score(self) -> float:
@@ -224,4 +226,4 @@ class Searcher:
     @property
     def n_hypotheses(self) -> int:
         """Pairs matched with pairs so far by the primary."""
-        return int(self._progress["n_hypotheses"])
+        return int(self._n_hypotheses.item())
