@@ -289,6 +289,23 @@ def test_once_waits_for_a_frame_and_a_report():
     assert (shown, once.silent) == ([(watched, 11.0)], False)
 
 
+@pytest.mark.parametrize("whole_at_last", [True, False])
+def test_once_waits_for_a_frame_that_is_whole(whole_at_last):
+    """On a busy machine the first frame that was heard had come before its stars' topic was."""
+    shown, watched = [], Watched("/left")
+    once = Once(lambda *state: shown.append(state), 2.0)
+    report(watched, 10.0)
+    hear(watched, 10.0)
+    watched.frame.stars = None
+    assert once(watched, [], 10.0)
+    if whole_at_last:
+        hear(watched, 10.2)
+    assert once(watched, [], 10.2) is not whole_at_last
+    if not whole_at_last:
+        assert not once(watched, [], 12.0)
+    assert len(shown) == 1
+
+
 @pytest.mark.parametrize("heard", [True, False])
 def test_once_makes_do_with_what_came_in_time(heard):
     shown, watched = [], Watched("/left")

@@ -39,7 +39,9 @@ def screen(console: Console, n_stars: int) -> Iterator[Output]:
 
 
 class Once:
-    """One view as soon as a frame and a report have been heard, or else after `timeout_s`.
+    """One view as soon as a whole frame and a report have been heard, or else after `timeout_s`.
+
+    Topics are found one after the other: the first frame that is heard may lack its stars.
 
     Args:
         show: prints the view of the state at a time.
@@ -55,10 +57,11 @@ class Once:
     def __call__(self, watched: Watched, _: list[Frame], now_s: float) -> bool:
         """Show and end, or wait longer."""
         self._until_s = self._until_s or now_s + self._timeout_s
-        heard = watched.frame is not None, bool(watched.reports)
-        if not all(heard) and now_s < self._until_s:
+        frame, reported = watched.frame, bool(watched.reports)
+        whole = frame is not None and frame.complete
+        if not (whole and reported) and now_s < self._until_s:
             return True
-        self.silent = not any(heard)
+        self.silent = frame is None and not reported
         if not self.silent:
             self._show(watched, now_s)
         return False
