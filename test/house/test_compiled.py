@@ -10,7 +10,7 @@ from processes import completed, environment
 
 from star_tracker import compiled as module
 from star_tracker import resources
-from star_tracker.compiled import compiled, first_not_below, inlined
+from star_tracker.compiled import compiled, first_not_below, inlined, machine_code
 
 #: One function of the package, as small as there is one.
 SMALLEST = """
@@ -272,3 +272,14 @@ def test_the_first_value_not_below_is_where_numpy_finds_it(n):
         begin, end = n // 4, n - n // 5
         expected = begin + np.searchsorted(values[begin:end], low)
         assert first_not_below(values, begin, end, low) == expected
+
+
+def test_machine_code_is_that_of_the_function_and_made_once():
+    values = np.array([1.0, 2.0, 3.0])
+    code = machine_code(first_not_below, values, 0, 3, 2.0)
+    n_made = len(first_not_below.overloads)
+    assert [code(values, 0, 3, low) for low in (0.5, 2.0, 9.0)] == [0, 1, 3]
+    assert code is machine_code(first_not_below, values, 0, 3, 2.0)
+    assert len(first_not_below.overloads) == n_made
+    with pytest.raises(TypeError):  # an array of another kind is not read as if it were one
+        code(values.astype(np.float32), 0, 3, 2.0)
