@@ -31,7 +31,6 @@ import numpy as np
 
 from star_tracker.compiled import machine_code
 from star_tracker.frame_solution import labelled, received
-from star_tracker.identification.ended import Ended
 from star_tracker.identification.labels import blank_labels
 from star_tracker.identification.verbs import Verb, act
 from star_tracker.maps.simulation import CAMERAS, CONDITIONS
@@ -98,7 +97,6 @@ class Profile:
         call, begin, track, follow = times
         disturb()
         one.follow(task)
-        one.ended = Ended.SOLVED
         answer = timed(labelled, task, one, one.n_hypotheses)[0]
         peer = np.nan
         if self._peer is not None:

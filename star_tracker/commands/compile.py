@@ -68,7 +68,7 @@ def compile_solver(before: CacheState) -> float:
 
 
 def exercise_solver() -> None:
-    """Run all compiled code of the solver once, in 0.1 s where it comes from the cache.
+    """Run all compiled code of the solver once, in half a second where it comes from the cache.
 
     What is not run here would be compiled, or loaded, while a frame waits.
     """
