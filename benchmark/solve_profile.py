@@ -97,7 +97,7 @@ class Profile:
         call, begin, track, follow = times
         disturb()
         one.follow(task)
-        answer = timed(labelled, task, one, one.n_hypotheses)[0]
+        answer = timed(labelled, task, one)[0]
         peer = np.nan
         if self._peer is not None:
             given = self._peer.prepare(scene)

@@ -113,7 +113,7 @@ class AnyCameraTracker:
         mirrors = [] if self._both else [searchers[1] for _, searchers in rungs]
         asked[0].follow(task, task.deadline_s)
         if asked[0].ended == Ended.SOLVED:
-            return labelled(task, asked[0], asked[0].n_hypotheses)
+            return labelled(task, asked[0])
         return judged(task, Escalation(asked, mirrors, self._limits).run(task))
 
 

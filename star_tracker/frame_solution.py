@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.contradiction import FAR_PX
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.engine import parts_of
 from star_tracker.identification.escalation import Verdict
@@ -30,8 +29,7 @@ _SECOND_LOOK = 10.0
 #: Work, in votes, between two looks of Python at the clock: some 0.3 ms, 10 ms at the most where
 #: the focal length is told (benchmark/deadline.py).
 _WORK = 20_000.0
-_UNKNOWN = np.empty(0)
-_SOLVED = Status.SOLVED  # Python 3.11 takes longer over this than over a call
+_UNKNOWN, _FLOAT64 = np.empty(0), np.dtype(np.float64)
 _STATUS = {
     Ended.EXHAUSTED: Status.NO_MATCH, Ended.AMBIGUOUS: Status.AMBIGUOUS,
     Ended.MORE: Status.TIMEOUT,
@@ -61,13 +59,14 @@ def received(
     """
     started_s = time.perf_counter()
     xy = _plain(xy_px)
-    if xy.ndim != 2 or xy.shape[1] != 2:
-        raise ValueError(f"centroids have shape {xy.shape}: give an array (n, 2) of x, y")
+    shape = xy.shape
+    if len(shape) != 2 or shape[1] != 2:
+        raise ValueError(f"centroids have shape {shape}: give an array (n, 2) of x, y")
     if deadline_ms is None:
         deadline_ms = settings.deadline_ms
     elif not deadline_ms > 0:
         raise ValueError(f"deadline_ms is {deadline_ms}: it must be greater than 0")
-    n = len(xy)
+    n = shape[0]
     brightness = _UNKNOWN
     if intensity is not None:
         brightness = _plain(intensity)
@@ -91,6 +90,8 @@ def _plain(values: ArrayLike) -> Floats:
 
     One that is read-only (of a message, say) or not aligned is copied.
     """
+    if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.flags.carray:
+        return values  # nearly always: `asarray` takes longer to find that out
     array = np.asarray(values, np.float64, order="C")
     return array if array.flags.carray else array.copy()
 
@@ -128,7 +129,8 @@ def refused(task: Task, searcher: Searcher) -> Solution:
 def judged(task: Task, verdict: Verdict) -> Solution:
     """Return the solution of a frame about which there is a verdict."""
     if verdict.ended == Ended.SOLVED:
-        return labelled(task, verdict.best, verdict.n_hypotheses)
+        verdict.best.results.outcome["n_hypotheses"] = verdict.n_hypotheses
+        return labelled(task, verdict.best)
     return _unsolved(task, _STATUS[verdict.ended], verdict.reason, verdict)
 
 
@@ -142,62 +144,37 @@ def _unsolved(task: Task, status: Status, reason: str, verdict: Verdict) -> Solu
     )
 
 
-def labelled(task: Task, searcher: Searcher, n_hypotheses: int) -> Solution:
-    """Return the solution of a labelled frame: none where its stars contradict the camera told."""
-    if searcher.scale != 1.0 and _is_contradicted(searcher):
-        return _unsolved(
-            task, Status.NO_MATCH, _contradiction(searcher),
-            Verdict(Ended.EXHAUSTED, searcher, n_hypotheses),
-        )
+def labelled(task: Task, searcher: Searcher) -> Solution:
+    """Return the solution of a frame that a searcher has labelled."""
     return Solution.later(
-        _fields, task, searcher.camera, searcher.catalog, searcher.results.numbers.copy(),
-        status=_SOLVED, method=searcher.method, mode=searcher.mode,
-        n_hypotheses=n_hypotheses, solve_ms=task.elapsed_ms,
+        _fields, task, searcher.camera, searcher.catalog, (searcher.method, searcher.mode),
+        searcher.results.numbers.copy(), time.perf_counter(),
     )
 
 
 def _fields(
-    task: Task, camera: Camera, catalog: StarCatalog, numbers: Floats
+    task: Task, camera: Camera, catalog: StarCatalog, come_by: tuple[str, str], numbers: Floats,
+    ended_s: float,
 ) -> dict[str, Any]:
-    """Return the fields of a solution that `labelled` has not filled in."""
+    """Return the fields of a solution, by name."""
     outcome, quaternion, covariance = parts_of(numbers)
     (
-        n_usable, ra, dec, roll, rms_px, scale, variance_px2, scale_variance, wrong_probability,
-        score,
+        n_usable, n_hypotheses, ra, dec, roll, rms_px, scale, variance_px2, scale_variance,
+        wrong_probability, score,
     ) = outcome.item()
+    method, mode = come_by
     labels = task.all_labels
     return {
-        "reason": "identified",
+        "status": Status.SOLVED, "reason": "identified", "method": method, "mode": mode,
         "identification": Identification(
             labels["catalog_index"], labels["state"], labels["residual_px"]
         ),
         "attitude": Attitude(quaternion, covariance, ra, dec, roll),
         "parity": camera.parity,
         "wrong_probability": wrong_probability, "log10_false_alarms": -score, "rms_px": rms_px,
+        "n_hypotheses": n_hypotheses,
         "n_ignored": task.n_ignored(n_usable), "n_surplus": task.n_surplus,
+        "solve_ms": 1e3 * (ended_s - task.started_s),
         "told_camera": camera, "scale": scale, "focal_length_error": scale_variance**0.5,
         "centroid_sigma_px": variance_px2**0.5, "catalog": catalog,
     }
-
-
-def _is_contradicted(searcher: Searcher) -> bool:
-    """Return whether the stars are at odds with the camera as told and with any other.
-
-    Where they contradict a focal length that was told as exact, and are far from their places with
-    any other, wrong stars carry part of the pose. The eight maps had 7 to 26 px with a field of
-    view that was 4 to 6 % off, and 0.1 px with the right one.
-    """
-    return (
-        searcher.scale_is_told and searcher.camera.tolerance_percent == 0
-        and searcher.results.outcome["rms_px"][0] > FAR_PX
-    )
-
-
-def _contradiction(searcher: Searcher) -> str:
-    """Say that the camera as told is not the one that took the frame."""
-    told, fits = searcher.camera, searcher.camera.scaled(searcher.scale)
-    return (
-        f"the stars contradict the field of view of {told.fov_deg:.4g} deg, about "
-        f"{fits.fov_deg:.3g} deg fits better: correct fov_deg, or give it a "
-        "tolerance (fov_tolerance_percent)"
-    )

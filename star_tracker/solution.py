@@ -92,12 +92,10 @@ class _UnpackedLate:
 
     @classmethod
     def later(
-        cls: type[_Kind], unpack: Callable[..., dict[str, Any]], *packed: Any, **known: Any
+        cls: type[_Kind], unpack: Callable[..., dict[str, Any]], *packed: Any
     ) -> _Kind:
-        """Return an object with some fields; `unpack(*packed)` returns all of the others."""
+        """Return an object whose fields `unpack(*packed)` returns, by name."""
         made = object.__new__(cls)
-        for name, value in known.items():
-            object.__setattr__(made, name, value)
         object.__setattr__(made, "_late", (unpack, packed))
         return made
 

@@ -98,10 +98,10 @@ class StarTracker:
         task = received(xy_px, intensity, deadline_ms, self.settings)
         first = self._first
         if predicted is not None and self._track(task, predicted):
-            return labelled(task, first, 0)
+            return labelled(task, first)
         first.follow(task)
         if first.ended == _SOLVED:  # nearly every frame
-            return labelled(task, first, first.n_hypotheses)
+            return labelled(task, first)
         if first.ended == Ended.TOO_FEW:
             return refused(task, first)
         return judged(task, self._escalation.run(task))

@@ -18,6 +18,7 @@ from star_tracker.identification.evidence import EXACT, strongest
 from star_tracker.identification.fallback import Candidate
 from star_tracker.identification.judge import associate, look_up
 from star_tracker.identification.labels import Identification, blank_labels
+from star_tracker.identification.progress import PROGRESS
 from star_tracker.identification.search import Limits
 from star_tracker.identification.searcher import Task
 from star_tracker.identification.setup import Setup
@@ -41,6 +42,9 @@ FIGURE = {
 #: Two stars of another part of the sky, 0.9 deg apart.
 ELSEWHERE = {"One": (200.0, -40.0), "Other": (200.0, -40.9)}
 NONE = np.empty(0)
+#: The progress of a search that has all the time that it wants, and of one that has none left.
+PATIENT, LATE = np.zeros(2, PROGRESS)
+PATIENT["stop_s"], LATE["stop_s"] = math.inf, 0.0
 
 
 def of_brightness(magnitude, v_mag, observed, catalog, k):

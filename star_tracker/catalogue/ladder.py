@@ -18,6 +18,7 @@ from star_tracker.catalogue.depth import (
     limiting_magnitude_for,
     solid_angle_sr,
 )
+from star_tracker.catalogue.triangles import ANY_SCALE
 from star_tracker.optics.camera import Camera
 
 #: Largest factor between the ends of a step: its fields hold 24 to 66 guide stars on the average.
@@ -51,7 +52,7 @@ class LadderStep:
         """
         return FeatureDatabase.build(
             self.depth.stars_for(self.camera, self.catalog, self.epoch),
-            max_separation_deg=MAX_SEPARATION_RANGE_DEG[0],
+            max_separation_deg=MAX_SEPARATION_RANGE_DEG[0], triangle_grid=ANY_SCALE,
         )
 
 

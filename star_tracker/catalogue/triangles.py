@@ -3,8 +3,8 @@
 Around each guide star its nearest companions form a fan. Two of them, the first and the second,
 make a triangle with it: the logarithm of the ratio of their separations and the angle between them
 do not depend on the scale of an image nor on its roll. Triangles are kept in cells of that shape,
-within a cell by the separation of the second companion, so that a known scale selects a few of
-them, and each row votes for (guide star, roll) as a row of the pair table does.
+within a cell by the separation of the second companion, so that those of a range of scales lie
+side by side, and each row votes for (guide star, roll) as a row of the pair table does.
 """
 
 from typing import NamedTuple
@@ -22,18 +22,43 @@ COMPANIONS = 20
 #: More triangles than this are not made (some 50 MB): the companions are fewer then.
 MOST_TRIANGLES = 17_000_000
 _FEWEST_COMPANIONS = 6
-#: Cells of a shape: log ratio of the separations, log separation of the second companion over the
-#: mean spacing of the stars, and angle from the first to the second companion.
-RATIO_STEP, RATIO_LOW, RATIO_CELLS = 0.035, -0.21, 56
-SIZE_STEP, SIZE_LOW, SIZE_CELLS = 0.06, -1.4, 52
-ANGLE_CELLS = 128
+#: Least log ratio of the separations, and log separation of the second companion over the mean
+#: spacing of the stars, that are kept, and the ranges of both.
+RATIO_LOW, RATIO_RANGE = -0.21, 1.95
+SIZE_LOW, SIZE_RANGE = -1.4, 3.12
+
+
+class Grid(NamedTuple):
+    """Cells of a shape.
+
+    Attributes:
+        ratios: cells of the log ratio of the separations.
+        angles: cells of the angle from the first to the second companion.
+        sizes: cells of the log separation of the second companion.
+    """
+
+    ratios: int
+    angles: int
+    sizes: int
+
+    @property
+    def n_cells(self) -> int:
+        """How many they are in all."""
+        return self.ratios * self.angles * self.sizes
+
+
+#: Where the scale is known a triangle meets one or two cells of ratio and of angle at the usual
+#: tolerances, each another place in memory, and few sizes. Where it is not, the triangles of all
+#: sizes vote, hundreds from one place: there narrow cells of shape are worth their number.
+KNOWN_SCALE, ANY_SCALE = Grid(39, 64, 104), Grid(98, 256, 13)
 
 
 class TriangleTable(NamedTuple):
     """Triangles of a guide star and two of its nearest companions.
 
     Attributes:
-        cell_start: (cells + 1,) int32, the first row of each cell of ratio, size and angle.
+        grid: the cells.
+        cell_start: (cells + 1,) int32, the first row of each cell of ratio, angle and size.
         log_spacing: log of the mean spacing of the stars, rad.
         main_azimuth: (t,) int32, index of the guide star * 256 + position angle of the second.
         fan_log_separation: (n, c) float32, of each star's nearest companions, ascending.
@@ -41,6 +66,7 @@ class TriangleTable(NamedTuple):
         fan_star: (n, c) int32, their catalogue indices.
     """
 
+    grid: Grid
     cell_start: NDArray[np.int32]
     log_spacing: float
     main_azimuth: NDArray[np.int32]
@@ -53,10 +79,15 @@ class TriangleTable(NamedTuple):
         """Return a table without triangles, for a camera whose scale is known."""
         none = np.zeros((0, 0), np.float32)
         rows = np.zeros(0, np.int32)
-        return cls(np.zeros(1, np.int32), 0.0, rows, none, none.copy(), np.zeros((0, 0), np.int32))
+        return cls(
+            KNOWN_SCALE, np.zeros(1, np.int32), 0.0, rows, none, none.copy(),
+            np.zeros((0, 0), np.int32),
+        )
 
     @classmethod
-    def build(cls, vectors: Floats, n_companions: int = 0) -> "TriangleTable":
+    def build(
+        cls, vectors: Floats, n_companions: int = 0, grid: Grid = KNOWN_SCALE
+    ) -> "TriangleTable":
         """Make the triangles of stars (n, 3) with the nearest `n_companions` of each.
 
         0 is automatic: 20, and fewer for more than 42,000 stars.
@@ -78,47 +109,50 @@ class TriangleTable(NamedTuple):
         with np.errstate(divide="ignore"):  # two stars at one place have no shape
             log_apart = np.log(apart)
         log_spacing = 0.5 * float(np.log(4.0 / n))
-        count = np.zeros(RATIO_CELLS * SIZE_CELLS * ANGLE_CELLS + 1, np.int32)
+        count = np.zeros(grid.n_cells + 1, np.int32)
         units, none = azimuth_units(angle), np.empty(0, np.int32)
-        _sort_by_shape(log_apart - log_spacing, angle, units, count[1:], none)
+        _sort_by_shape(log_apart - log_spacing, angle, units, grid, (count[1:], none))
         start = np.cumsum(count, dtype=np.int32)
         rows = np.empty(start[-1], np.int32)
-        _sort_by_shape(log_apart - log_spacing, angle, units, start[:-1].copy(), rows)
+        _sort_by_shape(log_apart - log_spacing, angle, units, grid, (start[:-1].copy(), rows))
         return cls(
-            start, log_spacing, rows,
+            grid, start, log_spacing, rows,
             log_apart.astype(np.float32), angle.astype(np.float32), near.astype(np.int32),
         )
 
 
 @compiled
 def _sort_by_shape(
-    log_size: Floats, angle: Floats, units: NDArray[np.int32], at: NDArray[np.int32],
-    rows: NDArray[np.int32],
+    log_size: Floats, angle: Floats, units: NDArray[np.int32], grid: Grid,
+    sorted_rows: tuple[NDArray[np.int32], NDArray[np.int32]],
 ) -> None:
-    """Count the triangles of each cell in `at`; with rows, write them from there on instead.
+    """Count the triangles of each cell in the first array, or write them to the second if it is
+    not empty, each cell's from the place on that the first holds.
 
     The sizes of each star ascend, so that the ratios of a second companion descend.
     """
+    at, rows = sorted_rows
     counts_only = len(rows) == 0
+    ratio_step, size_step = RATIO_RANGE / grid.ratios, SIZE_RANGE / grid.sizes
     n, n_companions = log_size.shape
     for main in range(n):
         own, own_angle = log_size[main], angle[main]
         for second in range(n_companions):
-            size = np.floor((own[second] - SIZE_LOW) / SIZE_STEP)
-            if not 0 <= size < SIZE_CELLS:
+            size = np.floor((own[second] - SIZE_LOW) / size_step)
+            if not 0 <= size < grid.sizes:
                 continue
             row = np.int32((main << AZIMUTH_BITS) | units[main, second])
             for first in range(n_companions):
-                ratio = (own[second] - own[first] - RATIO_LOW) / RATIO_STEP
+                ratio = (own[second] - own[first] - RATIO_LOW) / ratio_step
                 if ratio < 0:
                     break
-                if first == second or ratio >= RATIO_CELLS:
+                if first == second or ratio >= grid.ratios:
                     continue
                 turn = own_angle[second] - own_angle[first]
                 if turn < 0:  # a third of the time of the remainder
                     turn += 2 * np.pi
-                around = min(int(turn * (ANGLE_CELLS / (2 * np.pi))), ANGLE_CELLS - 1)
-                cell = (int(ratio) * SIZE_CELLS + int(size)) * ANGLE_CELLS + around
+                around = min(int(turn * (grid.angles / (2 * np.pi))), grid.angles - 1)
+                cell = (int(ratio) * grid.angles + around) * grid.sizes + int(size)
                 if not counts_only:
                     rows[at[cell]] = row
                 at[cell] += 1

@@ -1,8 +1,11 @@
 """Brightness as evidence: matched centroids differ in magnitude as their guide stars do.
 
 If the matches are true, instrumental magnitudes differ from the catalogue's by one zero point and
-some scatter; if not, they are any of the frame's.
+some scatter; if not, they are any of the frame's. A pose whose places alone leave no doubt is not
+asked for it: it takes longer than they do.
 """
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +24,26 @@ _WIDEST_SCATTER = 2.0
 #: Magnitudes as near as that are alike, where a frame's are counted: a box of the same area as the
 #: normal distribution of a star's scatter.
 _ALIKE = _MAGNITUDE_SIGMA * np.sqrt(2 * np.pi) / 2
+#: Evidence of places that needs no other: more than ends any search (`search.certain`), in all or
+#: a centroid.
+_PLENTY, _PLENTY_A_STAR = 40.0, 0.8
+
+
+@compiled
+def with_brightness(score: float, frame: Any, v_mag: Floats, matches: Any, k: int) -> float:
+    """Return log10 evidence of the first `k` matches, of places, with that of brightness.
+
+    Where it is plenty without it stays; brightness lifts it no farther than that, so that of two
+    poses the one with more evidence of places keeps more where either has plenty.
+    """
+    plenty = max(_PLENTY, _PLENTY_A_STAR * frame.n)
+    if score >= plenty or not frame.has_brightness:
+        return score
+    if not frame.usual_is_known:
+        how_usual(frame.magnitude, frame.n, frame.usual)
+        frame.usual_is_known = True
+    seen = frame.magnitude, frame.usual
+    return min(score + brightness(seen, v_mag, matches.observed, matches.catalog, k), plenty)
 
 
 @compiled

@@ -14,9 +14,9 @@ class Ended(IntEnum):
         TOO_FEW: fewer than `MIN_STARS` usable centroids.
         NO_ROTATION: the predicted pose is no rotation.
         AMBIGUOUS: the best pose is good enough, and so is another.
-        CONTRADICTED: the best pose is good enough, and most of the stars that make it so are gone
-            once it is fitted to them, or it fits far better with another focal length: the camera
-            is another one.
+        CONTRADICTED: the best pose is good enough, and yet the camera is another one: most of the
+            stars that make it so are gone once it is fitted to them, or it fits far better with
+            another focal length, or they contradict the told one and are far off with any.
     """
 
     MORE = 0

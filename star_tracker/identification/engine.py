@@ -44,13 +44,14 @@ EngineType, Engine = struct("Engine", __name__, (
 ))
 
 #: What became of a frame. `n_usable` centroids are finite and in the image; the rest is that of a
-#: labelled frame: its boresight, the root mean square residual of the identified stars, its scale,
-#: the variance of a centroid along each axis, and that of the log of the scale, how likely it is
-#: wrong (`progress.wrong_probability`), and its log10 evidence.
+#: labelled frame: how many hypotheses its engine had compared, its boresight, the root mean square
+#: residual of the identified stars, its scale, the variance of a centroid along each axis, and
+#: that of the log of the scale, how likely it is wrong (`progress.wrong_probability`), and its
+#: log10 evidence.
 OUTCOME = np.dtype([
-    ("n_usable", np.int64), ("ra_rad", np.float64), ("dec_rad", np.float64),
-    ("roll_rad", np.float64), ("rms_px", np.float64), ("scale", np.float64),
-    ("variance_px2", np.float64), ("scale_variance", np.float64),
+    ("n_usable", np.int64), ("n_hypotheses", np.int64), ("ra_rad", np.float64),
+    ("dec_rad", np.float64), ("roll_rad", np.float64), ("rms_px", np.float64),
+    ("scale", np.float64), ("variance_px2", np.float64), ("scale_variance", np.float64),
     ("wrong_probability", np.float64), ("score", np.float64),
 ])
 _N_OUTCOME = OUTCOME.itemsize // 8
@@ -131,8 +132,8 @@ def make_engine(
         table.max_separation_rad,
     )
     triangles = Triangles(
-        shapes.cell_start, shapes.log_spacing, shapes.main_azimuth, shapes.fan_log_separation,
-        shapes.fan_azimuth, shapes.fan_star,
+        shapes.grid, shapes.cell_start, shapes.log_spacing, shapes.main_azimuth,
+        shapes.fan_log_separation, shapes.fan_azimuth, shapes.fan_star,
     )
     levels, limits = search
     return Engine(

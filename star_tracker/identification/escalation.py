@@ -213,7 +213,14 @@ class Escalation:
 
 def _disagreement(best: Searcher) -> str:
     """Say what may be wrong with a camera whose stars do not stay with the pose that they gave."""
-    if best.scale_is_told and best.camera.tolerance_percent == 0:
+    told = best.camera
+    if best.scale_is_told and told.tolerance_percent == 0:
+        if best.scale != 1.0:
+            return (
+                f"the stars contradict the field of view of {told.fov_deg:.4g} deg, about "
+                f"{told.scaled(best.scale).fov_deg:.3g} deg fits better: correct fov_deg, or give "
+                "it a tolerance (fov_tolerance_percent)"
+            )
         return (
             "the stars disagree with the camera: correct its field of view and lens, or give the "
             "field of view a tolerance (fov_tolerance_percent)"

@@ -15,7 +15,7 @@ from star_tracker.attitude.wahba import refine
 from star_tracker.catalogue.sky_index import SkyIndex, stars_near
 from star_tracker.compiled import compiled, inlined, struct
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.brightness import brightness
+from star_tracker.identification.brightness import with_brightness
 from star_tracker.identification.evidence import Evidence, ScalePrior, strongest
 from star_tracker.optics.camera import outside_px
 from star_tracker.optics.frame import first_right_of, see_at_scale
@@ -208,9 +208,7 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
         if n_matched < 3:
             break
         k, score = strongest(sky, frame, trial, matches, (n_matched, n_inside))
-        if frame.has_brightness:
-            seen = frame.magnitude, frame.usual
-            score += brightness(seen, sky.v_mag, matches.observed, matches.catalog, k)
+        score = with_brightness(score, frame, sky.v_mag, matches, k)
         names = _names(matches, k)
         settled = k == k_before and names == before
         # Perfect centroids have no more evidence after the fit than before it.

@@ -60,16 +60,18 @@ def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
 def _quick(settings: MatchGroupSettings) -> list[Level]:
     """Return the levels of a quick search at a told scale.
 
-    Chosen for the median time over noise, missing and false stars (benchmark/RESULTS.md): a few
-    companions first, then one main star with patience for noise, then more companions for false
-    stars, then noise again.
+    Chosen for the median time over noise, missing and false stars (benchmark/RESULTS.md): the six
+    triangles of four companions first, then patience for noise, then more companions for false
+    stars, then more patience. What a main star costs is mostly how far apart in memory its
+    triangles lie, so that few of them for three stars are better than many for one.
     """
     first, second = _tolerances(settings)
+    between = 0.5 * (first + second)
     return [
-        (True, first, 8, 3, 4, 3, 24, 2.0, False, 0),
-        (True, second, 8, 1, 8, 3, 24, 2.5, False, 0),
-        (True, first, 12, 6, 12, 3, 48, 2.0, False, 0),
-        (True, second, 8, 2, 8, 3, 24, 2.5, False, 0),
+        (True, first, 4, 3, 4, 3, 8, 2.0, False, 0),
+        (True, between, 8, 4, 4, 3, 6, 2.0, False, 0),
+        (True, first, 12, 6, 12, 3, 24, 2.0, False, 0),
+        (True, second, 8, 6, 4, 3, 12, 2.0, False, 0),
     ] * settings.quick
 
 
@@ -77,8 +79,8 @@ def _quick_of_any_scale(settings: MatchGroupSettings) -> list[Level]:
     """Return the levels of a quick search at a scale that is not told."""
     first, second = _tolerances(settings)
     return [
-        (True, first, 6, 3, 6, 3, 24, 2.0, True, 0),
-        (True, first, 12, 6, 12, 3, 48, 2.0, False, 0),
+        (True, first, 6, 3, 6, 3, 8, 2.0, True, 0),
+        (True, first, 12, 6, 12, 3, 24, 2.0, False, 0),
         (True, second, 12, 4, 12, 3, 48, 2.5, True, 0),
     ] * settings.quick
 

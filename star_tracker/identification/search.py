@@ -139,12 +139,14 @@ def _try_main(engine: Any, main: int, level: Any) -> float:
     cells, scores = room.cells[:most], room.scores[:most]
     end, total = choose_rows(pairs, votes, n_near, tolerance)
     progress.n_hypotheses += total
-    cast(pairs, votes, end, threshold_for(total, len(votes.low)))
+    cast(pairs, votes, end, threshold_for(total, len(votes.low)), progress)
     work = float(total)
     for i in range(best_cells(votes, 0, votes.n_reached, cells, scores)):
+        if late(progress):
+            break
         work += _WORK_OF_A_CELL
         _try_cell(engine, end, main, cells[i], level.tolerance_px)
-        if certain(progress, engine.limits, frame.n) or late(progress):
+        if certain(progress, engine.limits, frame.n):
             break
     return work
 
@@ -185,8 +187,10 @@ def _try_main_by_shape(engine: Any, main: int, level: Any) -> float:
         n_cells = best_cells(votes, n_judged, votes.n_reached, cells, scores)
         n_judged = votes.n_reached
         for i in range(n_cells):
+            if late(progress):
+                return work
             work += _try_cell_by_shape(engine, main, cells[i], n_fan, level)
-            if certain(progress, engine.limits, frame.n) or late(progress):
+            if certain(progress, engine.limits, frame.n):
                 return work
         done = end
     return work

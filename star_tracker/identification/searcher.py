@@ -122,9 +122,6 @@ class Searcher:
         self.scale_is_told = scale_is_told
         self.camera, self.catalog, self.engine, self.results = camera, catalog, engine, results
         self._progress = results.progress[0]  # the record itself, not a copy of it
-        # What is read of every frame, each as an array of one: a record takes ten times as long.
-        self._scale = results.outcome["scale"]
-        self._n_hypotheses = results.progress["n_hypotheses"]
         self._stop_s = math.inf
         nothing = np.empty((0, 2)), np.empty(0)
         self._act = machine_code(act, engine, _FOLLOW, nothing, blank_labels(0))
@@ -136,7 +133,8 @@ class Searcher:
         It takes the search until a `time.perf_counter` at the most.
         """
         self.method, self.mode = METHODS[0], LOST_IN_SPACE
-        self.stop_at(stop_s)
+        if stop_s != self._stop_s:
+            self.stop_at(stop_s)
         self.ended = self._done(_FOLLOW, task)
 
     def begin(self, task: Task) -> None:
@@ -155,8 +153,6 @@ class Searcher:
 
     def stop_at(self, stop_s: float) -> None:
         """Go on until a `time.perf_counter` at the most; holds until told otherwise."""
-        if stop_s == self._stop_s:
-            return
         self._stop_s = stop_s
         self._progress["stop_s"] = time.monotonic() + (stop_s - time.perf_counter())
 
@@ -200,7 +196,7 @@ class Searcher:
     @property
     def scale(self) -> float:
         """The focal length of the labelled pose as a multiple of the told one."""
-        return float(self._scale.item())
+        return float(self.results.outcome["scale"][0])
 
     @property
     def score(self) -> float:
@@ -226,4 +222,4 @@ class Searcher:
     @property
     def n_hypotheses(self) -> int:
         """Pairs matched with pairs so far by the primary."""
-        return int(self._n_hypotheses.item())
+        return int(self._progress["n_hypotheses"])

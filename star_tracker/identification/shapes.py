@@ -14,13 +14,10 @@ import numpy as np
 
 from star_tracker.catalogue.pairs import AZIMUTH_UNITS
 from star_tracker.catalogue.triangles import (
-    ANGLE_CELLS,
-    RATIO_CELLS,
     RATIO_LOW,
-    RATIO_STEP,
-    SIZE_CELLS,
+    RATIO_RANGE,
     SIZE_LOW,
-    SIZE_STEP,
+    SIZE_RANGE,
     TriangleTable,
 )
 from star_tracker.compiled import compiled, first_not_below, struct
@@ -92,7 +89,7 @@ def cast_by_shape(engine: Any, threshold: int) -> None:
     first, last, units = fan.first, fan.last, fan.units
     for run in range(fan.n_runs):
         if run & _LOOK_AT_CLOCK == _LOOK_AT_CLOCK and late(engine.progress[0]):
-            break  # the cells of those that have voted are looked at, one at the most
+            break
         vote_rows(main_azimuth, votes, (first[run], last[run]), units[run], threshold)
     count_waiting(votes, threshold)
 
@@ -116,31 +113,27 @@ def choose_runs(engine: Any, begin: int, end: int, tolerance_rad: float) -> int:
 def _runs_of_pair(engine: Any, i: int, j: int, tolerance_rad: float) -> int:
     """Add the runs of triangles of the shape of companions i and j; return their rows."""
     table, fan, prior = engine.triangles, engine.fan, engine.sky.scale_prior
+    grid = table.grid
     near, far = fan.separation[i], fan.separation[j]
     vague = tolerance_rad * np.sqrt(1.0 / (near * near) + 1.0 / (far * far))
-    if vague > _VAGUEST:
-        return 0
-    ratio = fan.log_separation[j] - fan.log_separation[i]
-    ratios = _cells(ratio - vague - RATIO_LOW, ratio + vague - RATIO_LOW, RATIO_STEP, RATIO_CELLS)
     slack = tolerance_rad / far
     size = fan.log_separation[j] - table.log_spacing - SIZE_LOW
     sizes = _cells(
-        size - prior.high - slack, size - prior.low + slack, SIZE_STEP, SIZE_CELLS
+        size - prior.high - slack, size - prior.low + slack, SIZE_RANGE / grid.sizes, grid.sizes
     )
-    to_cells = ANGLE_CELLS / (2 * np.pi)
+    if vague > _VAGUEST or sizes[0] > sizes[1]:
+        return 0
+    ratio = fan.log_separation[j] - fan.log_separation[i] - RATIO_LOW
+    ratios = _cells(ratio - vague, ratio + vague, RATIO_RANGE / grid.ratios, grid.ratios)
+    to_cells = grid.angles / (2 * np.pi)
     turn = (fan.azimuth[j] - fan.azimuth[i]) % (2 * np.pi)
-    low, high = int(np.floor((turn - vague) * to_cells)), int(np.floor((turn + vague) * to_cells))
+    turns = int(np.floor((turn - vague) * to_cells)), int(np.floor((turn + vague) * to_cells))
     units = int(np.floor(fan.azimuth[j] * (AZIMUTH_UNITS / (2 * np.pi)))) & (AZIMUTH_UNITS - 1)
     total = 0
     for at_ratio in range(ratios[0], ratios[1] + 1):
-        for at_size in range(sizes[0], sizes[1] + 1):
-            row = (at_ratio * SIZE_CELLS + at_size) * ANGLE_CELLS
-            end = min(high + 1, ANGLE_CELLS)
-            total += _add_run(table, fan, row + max(low, 0), row + end, units)
-            if low < 0:  # the run of angles crosses 0
-                total += _add_run(table, fan, row + ANGLE_CELLS + low, row + ANGLE_CELLS, units)
-            elif high >= ANGLE_CELLS:
-                total += _add_run(table, fan, row, row + high + 1 - ANGLE_CELLS, units)
+        for at_angle in range(turns[0], turns[1] + 1):
+            row = (at_ratio * grid.angles + at_angle % grid.angles) * grid.sizes
+            total += _add_run(table, fan, row + sizes[0], row + sizes[1] + 1, units)
     return total
 
 

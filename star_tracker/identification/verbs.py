@@ -25,7 +25,6 @@ from star_tracker.geometry.rotation import (
     write_quaternion,
 )
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.brightness import how_usual
 from star_tracker.identification.contradiction import (
     FAR_PX,
     fit_focal_length,
@@ -93,8 +92,6 @@ def begin(engine: Any, xy_px: Floats, intensity: Floats) -> int:
     frame = engine.frame
     fill_frame(frame, engine.sky.optics, xy_px, intensity)
     engine.outcome[0].n_usable = frame.n
-    if frame.has_brightness:
-        how_usual(frame.magnitude, frame.n, frame.usual)
     forget(engine.progress[0])
     engine.crowd.known = False
     return Ended.TOO_FEW if frame.n < MIN_STARS else Ended.MORE
@@ -153,13 +150,16 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     """
     rotation, outcome, frame = engine.best.rotation, engine.outcome[0], engine.frame
     k, sum2 = label_frame(engine, labels)
+    outcome.scale, was_free = engine.best.scale, engine.best.free
     if k < _LEAST_LEFT * engine.progress[0].n_matched:
         return Ended.CONTRADICTED
-    if not engine.best.free:
+    if not was_free:
         sum2 = fit_focal_length(engine, labels, k, sum2)
+    outcome.rms_px, outcome.scale = np.sqrt(sum2 / k), engine.best.scale
+    if outcome.rms_px > FAR_PX and engine.best.free and not was_free:
+        return Ended.CONTRADICTED
     write_quaternion(rotation, engine.quaternion)
     outcome.ra_rad, outcome.dec_rad, outcome.roll_rad = boresight_of(rotation)
-    outcome.rms_px, outcome.scale = np.sqrt(sum2 / k), engine.best.scale
     outcome.variance_px2 = variance(engine.sky.evidence, sum2, k, engine.best.free)
     focal_px, known = engine.sky.focal_px * engine.best.scale, engine.sky.scale_prior.sigma
     of_direction, of_scale = outcome.variance_px2 / (focal_px * focal_px), np.inf
@@ -170,6 +170,7 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     )
     progress = engine.progress[0]
     outcome.wrong_probability, outcome.score = wrong_probability(progress), progress.score
+    outcome.n_hypotheses = progress.n_hypotheses
     needs_parity = _tells_no_parity(engine, k, outcome.rms_px)
     # The last step, as it takes the matches.
     far = outcome.rms_px > FAR_PX and doubtful(progress.score, frame.n)

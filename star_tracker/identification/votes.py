@@ -13,6 +13,7 @@ import numpy as np
 from star_tracker.catalogue.pairs import AZIMUTH_BITS, AZIMUTH_UNITS, first_row
 from star_tracker.compiled import compiled, inlined, struct
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.progress import late
 
 #: 64 roll bins of 5.6 deg for each guide star.
 ROLL_BITS = 6
@@ -143,10 +144,15 @@ def choose_rows(
 
 
 @compiled
-def cast(pairs: Any, votes: Any, n_companions: int, threshold: int) -> None:
-    """Let the nearest companions vote; cells that reach the threshold join `reached`."""
+def cast(pairs: Any, votes: Any, n_companions: int, threshold: int, progress: Any) -> None:
+    """Let the nearest companions vote; cells that reach the threshold join `reached`.
+
+    When the time is up those that have not voted do not any more.
+    """
     main_azimuth = pairs.main_azimuth
     for i in range(n_companions):
+        if late(progress):
+            break
         rows = votes.first[i], votes.last[i]
         vote_rows(main_azimuth, votes, rows, votes.azimuth[i], threshold)
     count_waiting(votes, threshold)

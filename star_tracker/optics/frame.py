@@ -35,12 +35,13 @@ _FAR = 1e30
 #: - column: (`COLUMNS` + 1,) the first centroid of each of as many strips of the image, which all
 #:   are as wide as `strip_px`, from the leftmost centroid on;
 #: - magnitude: (room,) instrumental magnitudes, NaN = not known;
-#: - usual: (room,) how usual each of them is (`identification/brightness.py`);
+#: - usual: (room,) how usual each of them is (`identification/brightness.py`), once
+#:   `usual_is_known`;
 #: - has_brightness: whether intensities were given;
 #: - points, input_row, key, near: room for sorting.
 FrameType, Frame = struct("Frame", __name__, (
     "n", "vectors", "scale", "plane_px", "row", "mains", "column", "strip_px", "magnitude",
-    "usual", "has_brightness", "points", "input_row", "key", "near",
+    "usual", "usual_is_known", "has_brightness", "points", "input_row", "key", "near",
 ))
 
 
@@ -51,7 +52,7 @@ def empty_frame(vectors: Floats) -> Any:
     return Frame(
         0, vectors, 1.0, np.empty((room, 2)), np.empty(room, np.int64),
         np.empty(room, np.int64), np.zeros(COLUMNS + 1, np.int64), 1.0, np.empty(room),
-        np.empty(room), False,
+        np.empty(room), False, False,
         np.empty((room, 2)), np.empty(room, np.int64), np.empty(room), np.empty((5, room)),
     )
 
@@ -64,7 +65,7 @@ def fill_frame(frame: Any, optics: Floats, xy_px: Floats, intensity: Floats) -> 
     so are those beyond the room that there is.
     """
     frame.n = _take_usable(frame, optics, xy_px)
-    frame.has_brightness, frame.scale = len(intensity) > 0, 1.0
+    frame.has_brightness, frame.usual_is_known, frame.scale = len(intensity) > 0, False, 1.0
     n, vectors, plane_px, row = frame.n, frame.vectors, frame.plane_px, frame.row
     ascending(row, frame.key, n)
     focal_px = np.sqrt(optics[2] * optics[3])
@@ -207,7 +208,7 @@ def _reach_of_many(frame: Any) -> None:
             j = i + direction
             while 0 <= j < n:
                 dx, dy = plane_px[j, 0] - plane_px[i, 0], plane_px[j, 1] - plane_px[i, 1]
-                if dx * dx >= d3:
+                if dx * dx >= d3 or d3 <= _CLOSEST_PX2:  # no other one can be nearer
                     break
                 d = max(dx * dx + dy * dy, _CLOSEST_PX2)
                 if d < d1:

@@ -544,5 +544,5 @@ def test_a_file_without_an_entry(small, saved, name):
 def test_every_attribute_is_read_back():
     """A new one has to go into the file, too, or be made anew."""
     assert [field.name for field in fields(FeatureDatabase)] == [
-        "catalog", "pairs", "pattern_settings", "loaded_patterns", "cache_note",
+        "catalog", "pairs", "pattern_settings", "triangle_grid", "loaded_patterns", "cache_note",
     ]

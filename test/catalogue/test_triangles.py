@@ -8,14 +8,13 @@ import pytest
 from engines import random_sky
 
 from star_tracker.catalogue.triangles import (
-    ANGLE_CELLS,
+    ANY_SCALE,
     COMPANIONS,
-    RATIO_CELLS,
+    KNOWN_SCALE,
     RATIO_LOW,
-    RATIO_STEP,
-    SIZE_CELLS,
+    RATIO_RANGE,
     SIZE_LOW,
-    SIZE_STEP,
+    SIZE_RANGE,
     TriangleTable,
 )
 from star_tracker.geometry.spherical import position_angle, separation
@@ -29,19 +28,19 @@ def sky():
     return random_sky(N_STARS, 1)
 
 
-@pytest.fixture(scope="module")
-def table(sky):
-    return TriangleTable.build(sky, N_COMPANIONS)
+@pytest.fixture(scope="module", params=[KNOWN_SCALE, ANY_SCALE], ids=["known", "any"])
+def table(sky, request):
+    return TriangleTable.build(sky, N_COMPANIONS, request.param)
 
 
-def cell_of(log_ratio, log_size, turn):
+def cell_of(grid, log_ratio, log_size, turn):
     """The cell of a shape, None where it is kept nowhere."""
-    at = math.floor((log_ratio - RATIO_LOW) / RATIO_STEP)
-    size = math.floor((log_size - SIZE_LOW) / SIZE_STEP)
-    if not (0 <= at < RATIO_CELLS and 0 <= size < SIZE_CELLS):
+    at = math.floor((log_ratio - RATIO_LOW) / (RATIO_RANGE / grid.ratios))
+    size = math.floor((log_size - SIZE_LOW) / (SIZE_RANGE / grid.sizes))
+    if not (0 <= at < grid.ratios and 0 <= size < grid.sizes):
         return None
-    around = math.floor(turn % (2 * math.pi) / (2 * math.pi) * ANGLE_CELLS) % ANGLE_CELLS
-    return (at * SIZE_CELLS + size) * ANGLE_CELLS + around
+    around = math.floor(turn % (2 * math.pi) / (2 * math.pi) * grid.angles) % grid.angles
+    return (at * grid.angles + around) * grid.sizes + size
 
 
 def rows_with_cells(table):
@@ -49,7 +48,7 @@ def rows_with_cells(table):
     return Counter(zip(np.repeat(np.arange(len(n)), n), table.main_azimuth, strict=True))
 
 
-def naive_rows(sky, n_companions):
+def naive_rows(sky, n_companions, grid):
     """Each pair of companions in both orders, one star after the other."""
     found = Counter()
     log_spacing = math.log(math.sqrt(4 / len(sky)))
@@ -61,7 +60,8 @@ def naive_rows(sky, n_companions):
             for j, second in enumerate(near.tolist()):
                 log_size = math.log(apart[second])
                 cell = cell_of(
-                    log_size - math.log(apart[first]), log_size - log_spacing, angle[j] - angle[i]
+                    grid, log_size - math.log(apart[first]), log_size - log_spacing,
+                    angle[j] - angle[i],
                 )
                 if i != j and cell is not None:
                     units = math.floor(angle[j] / (2 * math.pi) * 256)
@@ -70,7 +70,7 @@ def naive_rows(sky, n_companions):
 
 
 def test_each_triangle_is_in_the_cell_of_its_shape_and_no_other(sky, table):
-    expected = naive_rows(sky, N_COMPANIONS)
+    expected = naive_rows(sky, N_COMPANIONS, table.grid)
     assert rows_with_cells(table) == expected
     # Of two orders the farther companion is the second, mostly; few are too oblong or too small.
     assert sum(expected.values()) > 0.5 * N_STARS * N_COMPANIONS * (N_COMPANIONS - 1)
@@ -81,7 +81,8 @@ def test_a_triangle_is_found_by_its_shape_at_any_scale_and_roll(sky, table, scal
     """Of the size nothing but the cell along its axis depends on the scale."""
     rng = np.random.default_rng(2)
     rows = rows_with_cells(table)
-    shapes = {(cell // ANGLE_CELLS // SIZE_CELLS, cell % ANGLE_CELLS, code) for cell, code in rows}
+    grid = table.grid
+    shapes = {(*divmod(cell // grid.sizes, grid.angles), code) for cell, code in rows}
     n_found = 0
     for _ in range(300):
         main, (i, j) = int(rng.integers(N_STARS)), rng.choice(N_COMPANIONS, 2, replace=False)
@@ -89,11 +90,11 @@ def test_a_triangle_is_found_by_its_shape_at_any_scale_and_roll(sky, table, scal
         turned = sky @ random_rotation(rng)
         apart = scale * separation(turned[[first, second]], turned[main])
         angle = position_angle(turned[main], turned[[first, second]], (0.0, -1.0, 0.0))
-        at = (math.log(apart[1] / apart[0]) - RATIO_LOW) / RATIO_STEP
-        around = (angle[1] - angle[0]) % (2 * math.pi) / (2 * math.pi) * ANGLE_CELLS
+        at = (math.log(apart[1] / apart[0]) - RATIO_LOW) / (RATIO_RANGE / grid.ratios)
+        around = (angle[1] - angle[0]) % (2 * math.pi) / (2 * math.pi) * grid.angles
         on_an_edge = min(at % 1, around % 1, 1 - at % 1, 1 - around % 1) < 1e-6
-        size = (math.log(apart[1] / scale) - table.log_spacing - SIZE_LOW) / SIZE_STEP
-        if on_an_edge or not (0 <= at < RATIO_CELLS and 0 <= size < SIZE_CELLS):
+        size = (math.log(apart[1] / scale) - table.log_spacing - SIZE_LOW) / SIZE_RANGE
+        if on_an_edge or not (0 <= at < grid.ratios and 0 <= size < 1):
             continue
         on_sky = float(position_angle(sky[main], sky[second]))
         code = main * 256 + math.floor(on_sky / (2 * math.pi) * 256)

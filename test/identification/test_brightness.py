@@ -5,9 +5,12 @@ import re
 
 import numpy as np
 import pytest
-from engines import of_brightness
+from engines import CAMERA, PLACES, ROTATION, Bench, catalog_of, of_brightness
 from solutions import intensity_of, record
 
+from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.identification.brightness import with_brightness
+from star_tracker.maps.simulation import uniform_noise
 from star_tracker.solution import Status
 
 
@@ -30,14 +33,48 @@ def test_an_intensity_that_is_not_positive_and_finite_counts_as_unknown(tracker,
     assert record(tracker.solve(frame.xy_px, intensity)) == expected
 
 
-def test_intensities_that_agree_with_the_catalogue_are_evidence(tracker, frame):
-    without, with_them = tracker.solve(frame.xy_px), tracker.solve(
-        frame.xy_px, intensity_of(frame)
+@pytest.mark.parametrize("n", [6, 7])
+def test_intensities_that_agree_with_the_catalogue_are_evidence(tracker, frame, n):
+    without, with_them = tracker.solve(frame.xy_px[:n]), tracker.solve(
+        frame.xy_px[:n], intensity_of(frame)[:n]
     )
-    assert with_them.log10_false_alarms < without.log10_false_alarms
+    assert -40 < with_them.log10_false_alarms < without.log10_false_alarms < -8
     np.testing.assert_array_equal(
         with_them.identification.catalog_index, without.identification.catalog_index
     )
+
+
+def test_a_frame_whose_places_leave_no_doubt_has_no_need_of_them(tracker, frame):
+    without, with_them = tracker.solve(frame.xy_px), tracker.solve(
+        frame.xy_px, intensity_of(frame)
+    )
+    assert with_them.log10_false_alarms == pytest.approx(without.log10_false_alarms, rel=1e-12)
+    assert without.log10_false_alarms < -60
+
+
+@pytest.mark.parametrize("shuffled", [False, True])
+@pytest.mark.parametrize(("n_false", "plenty"), [(0, 40.0), (60, 0.8 * 70)])
+def test_more_evidence_of_places_is_never_less_in_all(shuffled, n_false, plenty):
+    rng = np.random.default_rng(5)
+    v_mag = rng.uniform(1, 6, 10)
+    bench = Bench(FeatureDatabase.build(
+        catalog_of(CAMERA.vectors(PLACES) @ ROTATION.T, v_mag)
+    ))
+    seen = np.concatenate([rng.permutation(v_mag) if shuffled else v_mag, np.full(n_false, 6.0)])
+    bench.show(np.concatenate([PLACES, uniform_noise(CAMERA, n_false, rng)]), 10 ** (-0.4 * seen))
+    assert bench.matched()[0][:10] == list(range(10))
+    places = np.arange(-20.0, 100.0, 0.25)
+    both = np.array([
+        with_brightness(score, bench.frame, v_mag, bench.matches, 10) for score in places
+    ])
+    assert np.all(np.diff(both) >= 0)
+    np.testing.assert_array_equal(both[places >= plenty], places[places >= plenty])
+    below = both[places < plenty]
+    assert np.all(below <= plenty)
+    if shuffled:
+        assert np.all(below >= places[places < plenty] - math.log10(2) - 1e-9)
+    else:
+        assert np.all(below > places[places < plenty])
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -9,6 +9,7 @@ from engines import (
     CAMERA,
     ELSEWHERE,
     FIGURE,
+    PATIENT,
     centroids_of,
     database_of,
     frame_of,
@@ -64,7 +65,7 @@ def vote(database, frame, main, *, tolerance_px=2.0, companions=20, threshold=2)
     pairs, votes = pairs_of(database.pairs), empty_votes(len(database.catalog), companions)
     n = look_around(frame, main, companions, votes)
     end, _ = choose_rows(pairs, votes, n, tolerance_px / CAMERA.focal_length_px)
-    cast(pairs, votes, end, threshold)
+    cast(pairs, votes, end, threshold, PATIENT)
     return votes, end
 
 

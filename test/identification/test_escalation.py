@@ -48,7 +48,7 @@ class Scripted:
     def __init__(self, bench, name, steps, *, parity="normal", rival=-math.inf, rotation=HERE):
         self._bench, self._name, self._steps = bench, name, [*steps]
         self.camera = SimpleNamespace(parity=parity, tolerance_percent=0.0)
-        self.scale_is_told = True
+        self.scale_is_told, self.scale = True, 1.0
         self.rival_score, self.rotation, self.n_hypotheses = rival, rotation, 100
         self.labelled_as, self.explains_its_view = Ended.SOLVED, True
         self.certain = 0.0  # from which evidence a candidate of the fallback is certain

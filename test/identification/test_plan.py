@@ -33,10 +33,12 @@ def test_the_full_search_tries_the_tolerances_in_turn():
         assert found[name].tolist() == [value, value], name
 
 
-@pytest.mark.parametrize(("tolerances", "second"), [((2.0,), 2), ((2.0, 6.0, 12.0), 6)])
-def test_a_short_search_by_shape_comes_before_the_full_one(tolerances, second):
+@pytest.mark.parametrize(("tolerances", "short"), [
+    ((2.0,), [2, 2, 2, 2]), ((2.0, 6.0, 12.0), [2, 4, 2, 6]),
+])
+def test_a_short_search_by_shape_comes_before_the_full_one(tolerances, short):
     found = of_all_frames(levels(MatchGroupSettings(tolerances), EXACT))
-    assert found["tolerance_px"].tolist() == [2, second, 2, second, *tolerances]
+    assert found["tolerance_px"].tolist() == [*short, *tolerances]
     short, full = found[:4], found[4:]
     assert short["by_shape"].all()
     assert not full["by_shape"].any()
@@ -71,7 +73,7 @@ def test_where_the_focal_length_is_told_with_a_tolerance_the_full_search_takes_t
     settings = MatchGroupSettings((2.0, 6.0, 12.0))
     found = told_with_tolerance(settings)
     assert found["by_shape"].tolist() == [True] * 4 + [False, True] * 3
-    assert found["tolerance_px"].tolist() == [2, 6, 2, 6, 2, 2, 6, 6, 12, 12]
+    assert found["tolerance_px"].tolist() == [2, 4, 2, 6, 2, 2, 6, 6, 12, 12]
     assert not found["pause"].any()
 
 

@@ -9,12 +9,12 @@ from scipy.stats import poisson
 
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.triangles import (
-    RATIO_CELLS,
+    ANY_SCALE,
+    KNOWN_SCALE,
     RATIO_LOW,
-    RATIO_STEP,
-    SIZE_CELLS,
+    RATIO_RANGE,
     SIZE_LOW,
-    SIZE_STEP,
+    SIZE_RANGE,
 )
 from star_tracker.compiled import compiled
 from star_tracker.geometry.spherical import position_angle, separation
@@ -58,9 +58,9 @@ def room_lists(room):
     return room.observed, room.catalog
 
 
-@pytest.fixture(scope="module")
-def database():
-    return FeatureDatabase.build(catalog_of(random_sky(800, 5)))
+@pytest.fixture(scope="module", params=[KNOWN_SCALE, ANY_SCALE], ids=["known", "any"])
+def database(request):
+    return FeatureDatabase.build(catalog_of(random_sky(800, 5)), triangle_grid=request.param)
 
 
 @pytest.fixture(scope="module")
@@ -165,8 +165,8 @@ def shape_is_kept(table, main, first, second):
     near, far = (float(table.fan_log_separation[main, fan.index(s)]) for s in (first, second))
     ratio, size = far - near, far - table.log_spacing
     vague = TOLERANCE * math.hypot(math.exp(-near), math.exp(-far))
-    in_ratio = RATIO_LOW < ratio < RATIO_LOW + RATIO_CELLS * RATIO_STEP
-    return vague < 0.1 and in_ratio and SIZE_LOW < size < SIZE_LOW + SIZE_CELLS * SIZE_STEP
+    in_ratio = RATIO_LOW < ratio < RATIO_LOW + RATIO_RANGE
+    return vague < 0.1 and in_ratio and SIZE_LOW < size < SIZE_LOW + SIZE_RANGE
 
 
 def test_the_triangles_of_the_sky_are_among_those_that_vote(bench, database):

@@ -6,6 +6,8 @@ from engines import (
     CAMERA,
     ELSEWHERE,
     FIGURE,
+    LATE,
+    PATIENT,
     centroids_of,
     database_of,
     frame_of,
@@ -240,9 +242,18 @@ def test_votes_after_a_clearing_are_those_of_the_next_star_only(figure):
     for main in range(centroids_of(frame).n):
         n = look_around(frame, main, 20, votes)
         end, _ = choose_rows(pairs, votes, n, 0.001)
-        cast(pairs, votes, end, 3)
+        cast(pairs, votes, end, 3, PATIENT)
         np.testing.assert_array_equal(counts(votes), naive_counts(figure.pairs, votes, 0, end))
         clear(votes)
+
+
+def test_when_the_time_is_up_nobody_votes(figure):
+    frame, _ = view(figure, rotation_to(56.9, 24.1))
+    pairs, votes = pairs_of(figure.pairs), empty_votes(len(figure.catalog), 20)
+    end, total = choose_rows(pairs, votes, look_around(frame, 0, 20, votes), 0.001)
+    assert total > 0
+    cast(pairs, votes, end, 2, LATE)
+    assert not counts(votes).any()
 
 
 # Which cells are voted for
@@ -269,7 +280,7 @@ def votes_of(database, frame, main):
     n = look_around(frame, main, 20, votes)
     end, _ = choose_rows(pairs, votes, n, 2.0 / CAMERA.focal_length_px)
     assert end == n
-    cast(pairs, votes, end, 2)
+    cast(pairs, votes, end, 2, PATIENT)
     return votes
 
 
