@@ -90,6 +90,24 @@ def voted(bench, main, most=COMPANIONS):
     return n_fan, cells[:n].tolist()
 
 
+@pytest.mark.parametrize("turn", [-0.01, 0.01])
+def test_a_triangle_that_is_larger_than_any_of_the_catalogue_has_no_rows(database, turn):
+    """Its shape is in the last cell of ratios and of angles, its size beyond the last one."""
+    wide = Camera.from_fov(90, 1024, 1024)
+    bench = Bench(database, wide, prior=scale_prior(1.0))
+    far = wide.focal_length_px * math.tan(math.radians(28))
+    near = wide.focal_length_px * math.tan(math.radians(28) / math.exp(1.72))
+    bench.show(512 + np.array([
+        (0, 0), (near, 0), (far * math.cos(turn), far * math.sin(turn)), (-480, 480), (-480, -480)
+    ]))
+    main = central(bench)
+    assert spread(bench.frame, main, 2, bench.fan) == 2
+    ratio = bench.fan.log_separation[1] - bench.fan.log_separation[0]
+    assert RATIO_LOW + RATIO_RANGE - 0.05 < ratio < RATIO_LOW + RATIO_RANGE
+    assert choose_runs(bench.engine, 0, 2, 1e-4) == 0
+    assert len(runs_of(bench.fan)[0]) == 0
+
+
 def central(bench):
     return int(np.argmax(bench.centroids.vectors[:, 2]))
 
