@@ -14,16 +14,17 @@ NOISE_PX = 0.3
 PATIENT = SolveSettings(method="match_group", deadline_ms=float("inf"))
 
 
-def solved(database, percent, n=30, seed=1):
+def solved(database, percent, n=30, seed=1, *, predicted=False, parity="normal"):
     """Solutions and true rotations of frames whose focal length is told so much too long."""
     rng = np.random.default_rng(seed)
-    tracker = StarTracker(database, CAMERA.scaled(1 + percent / 100), PATIENT)
+    told = CAMERA.scaled(1 + percent / 100).with_parity(parity)
+    tracker = StarTracker(database, told, PATIENT)
     for _ in range(n):
         rotation = random_rotation(rng)
         frame = synthetic_field(
             database.catalog, CAMERA, rotation, rng, Condition(noise_px=NOISE_PX)
         )
-        yield tracker.solve(frame.xy_px), rotation
+        yield tracker.solve(frame.xy_px, predicted=rotation if predicted else None), rotation
 
 
 def nees(solution, true):
@@ -66,6 +67,17 @@ def test_one_that_is_far_off_is_refused_in_a_sentence_or_the_attitude_is_right(d
         for reason in reasons
     )
     assert reasons[0].startswith("the stars contradict the field of view of 19.07 deg, about ")
+
+
+@pytest.mark.parametrize("how", [{"predicted": True}, {"parity": "auto"}], ids=str)
+def test_so_it_is_with_a_predicted_attitude_and_where_the_parity_is_not_known(database, how):
+    reasons = []
+    for solution, true in solved(database, 5.0, 20, **how):
+        if solution.status is Status.SOLVED:
+            assert nees(solution, true) < 30
+        elif solution.reason.startswith("the stars contradict the field of view of 19.07 deg"):
+            reasons.append(solution.reason)
+    assert len(reasons) >= 2
 
 
 @pytest.mark.parametrize(("seed", "percent"), [
