@@ -7,7 +7,7 @@ reach (a likelihood ratio of e^10, which is 4.5 standard deviations where stars 
 
 Where part of the stars are matched wrongly it does not tell: they fit by chance, and with another
 focal length no better. So a pose whose stars lie far from their places is judged again with the
-focal length free, and has to have more evidence than that.
+focal length free, and has to have more evidence than that; and ten times what is enough.
 """
 
 from typing import Any
@@ -32,6 +32,9 @@ _STEPS = 4
 #: focal length wrong ones carry part of the pose then. The eight maps had 7 to 26 px with a field
 #: of view that was 4 to 6 % off, and 0.1 px with the right one.
 FAR_PX = 3.0
+#: Decades beyond enough that such a pose needs: where the true one is not to be found, as the
+#: focal length is another, the widest gates let in the most poses by chance.
+FAR_LEAD = 1.0
 
 
 @compiled

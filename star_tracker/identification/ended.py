@@ -16,7 +16,8 @@ class Ended(IntEnum):
         AMBIGUOUS: the best pose is good enough, and so is another.
         CONTRADICTED: the best pose is good enough, and yet the camera is another one: most of the
             stars that make it so are gone once it is fitted to them, or it fits far better with
-            another focal length, or they contradict the told one and are far off with any.
+            another focal length, or they contradict the told one and are far off with any, or are
+            far off and carry little.
     """
 
     MORE = 0

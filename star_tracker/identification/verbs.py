@@ -26,6 +26,7 @@ from star_tracker.geometry.rotation import (
 )
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.contradiction import (
+    FAR_LEAD,
     FAR_PX,
     fit_focal_length,
     fits_better_scaled,
@@ -174,7 +175,9 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     needs_parity = _tells_no_parity(engine, k, outcome.rms_px)
     # The last step, as it takes the matches.
     far = outcome.rms_px > FAR_PX and doubtful(progress.score, frame.n)
-    if far and not engine.best.free and fits_better_scaled(engine):
+    if far and not engine.best.free and (
+        progress.score < engine.limits.enough + FAR_LEAD or fits_better_scaled(engine)
+    ):
         return Ended.CONTRADICTED
     return Ended.CERTAIN if needs_parity else Ended.SOLVED
 

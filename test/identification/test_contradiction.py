@@ -100,3 +100,22 @@ def test_a_part_of_the_stars_does_not_draw_the_pose_away_from_a_far_better_one(
     solution = StarTracker(database, told, PATIENT).solve(frame.xy_px)
     assert solution.status is Status.NO_MATCH
     assert "field of view" in solution.reason
+
+
+@pytest.mark.parametrize(("seed", "percent"), [(80009707, -8.9), (80016527, -6.8)])
+def test_stars_that_lie_far_off_need_ten_times_the_evidence(database, seed, percent):
+    """Ten of twelve and eight of sixteen stars, 6.7 and 3.3 px off, with 3.7 and 3.2 decades.
+
+    Of 50,000 scenes these two were wrong, one by 125 deg: where the true pose is not to be found
+    a chance one that is enough is one of thousands.
+    """
+    rng, told = np.random.default_rng(seed), CAMERAS["12 deg"]
+    scale = 1 + rng.uniform(-0.1, 0.1)
+    assert 100 * (scale - 1) == pytest.approx(percent, abs=0.05)
+    frame = synthetic_field(
+        database.catalog, told.scaled(scale), random_rotation(rng), rng, Condition(noise_px=0.5)
+    )
+    solution = StarTracker(database, told, PATIENT).solve(frame.xy_px)
+    assert solution.status is Status.NO_MATCH
+    assert -4 < solution.log10_false_alarms < -3
+    assert "field of view" in solution.reason
