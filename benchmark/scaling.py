@@ -19,7 +19,6 @@ import numpy as np
 from star_tracker.optics.camera import Camera
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.identification.votes import (vote_counts)
 from star_tracker.solution import SolveSettings
 from star_tracker.geometry.spherical import Floats, separation
 from star_tracker.maps.simulation import (
@@ -57,9 +56,9 @@ def main() -> int:
     for catalog, max_separation_deg in CATALOGS:
         started = time.process_time()
         database = FeatureDatabase.build(catalog, max_separation_deg=max_separation_deg)
-        n_bytes = database.pairs.nbytes + sum(part.nbytes for part in database.sky_index)
-        n_bytes += sum(part.nbytes for part in vote_counts(len(catalog)))
+        _ = database.triangles
         built = time.process_time() - started
+        n_bytes = database.nbytes
         tracker = StarTracker(
             database, CAMERA, SolveSettings(method="match_group", deadline_ms=1000)
         )
