@@ -32,6 +32,10 @@ _STEPS = 4
 #: focal length wrong ones carry part of the pose then. The eight maps had 7 to 26 px with a field
 #: of view that was 4 to 6 % off, and 0.1 px with the right one.
 FAR_PX = 3.0
+#: Stars that lie farther off than this, and than so many standard deviations of the noise that is
+#: expected, belong to another camera whatever their evidence: no search looks so far, and yet
+#: labels that are as noisy as their frame would go on from there.
+_FARTHEST_PX, _FARTHEST_SIGMA = 12.0, 3.0
 #: Decades beyond enough that such a pose needs: where the true one is not to be found, as the
 #: focal length is another, the widest gates let in the most poses by chance.
 FAR_LEAD = 1.0
@@ -63,6 +67,14 @@ def fit_focal_length(engine: Any, labels: NDArray[np.void], k: int, sum2: float)
     for i in range(k):
         labels[frame.row[matches.observed[i]]].residual_px = np.sqrt(matches.residual2[i])
     return freed
+
+
+@compiled
+def too_far(engine: Any, rms_px: float) -> bool:
+    """Return whether stars lie farther from their places than any that may be labelled."""
+    known = engine.sky.evidence
+    expected_px = np.sqrt(known.scale_px2 / known.freedom)
+    return rms_px > _FARTHEST_PX + _FARTHEST_SIGMA * expected_px
 
 
 @compiled

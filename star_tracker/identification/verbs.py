@@ -30,6 +30,7 @@ from star_tracker.identification.contradiction import (
     FAR_PX,
     fit_focal_length,
     fits_better_scaled,
+    too_far,
 )
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
@@ -157,7 +158,8 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     if not was_free:
         sum2 = fit_focal_length(engine, labels, k, sum2)
     outcome.rms_px, outcome.scale = np.sqrt(sum2 / k), engine.best.scale
-    if outcome.rms_px > FAR_PX and engine.best.free and not was_free:
+    fitted_and_far = outcome.rms_px > FAR_PX and engine.best.free and not was_free
+    if fitted_and_far or too_far(engine, outcome.rms_px):
         return Ended.CONTRADICTED
     write_quaternion(rotation, engine.quaternion)
     outcome.ra_rad, outcome.dec_rad, outcome.roll_rad = boresight_of(rotation)

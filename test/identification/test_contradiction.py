@@ -119,3 +119,15 @@ def test_stars_that_lie_far_off_need_ten_times_the_evidence(database, seed, perc
     assert solution.status is Status.NO_MATCH
     assert -4 < solution.log10_false_alarms < -3
     assert "field of view" in solution.reason
+
+
+@pytest.mark.parametrize("settings", [PATIENT, SolveSettings(centroid_sigma_px=1.0)], ids=str)
+def test_stars_dozens_of_pixels_off_are_none(database, settings):
+    """71 of 87 stars, 26 px off (root mean square), with 9 decades: 0.3 deg wrong, as SOLVED."""
+    rng, told = np.random.default_rng(603583), CAMERAS["20 deg"]
+    scale = 1 + rng.uniform(-0.1, 0.1)
+    frame = synthetic_field(
+        database.catalog, told.scaled(scale), random_rotation(rng), rng, Condition(noise_px=0.5)
+    )
+    solution = StarTracker(database, told, settings).solve(frame.xy_px)
+    assert solution.status is not Status.SOLVED
