@@ -27,6 +27,19 @@ def solved(database, percent, n=30, seed=1, *, predicted=False, parity="normal")
         yield tracker.solve(frame.xy_px, predicted=rotation if predicted else None), rotation
 
 
+def of_wrong_scale(database, seed, told, settings=PATIENT):
+    """By how much a scene of benchmark/wrong_solutions.py is off the scale told, and its solution.
+
+    It is that of kind `scale` and this seed: a focal length up to 10 % wrong, in percent.
+    """
+    rng = np.random.default_rng(seed)
+    scale = 1 + rng.uniform(-0.1, 0.1)
+    frame = synthetic_field(
+        database.catalog, told.scaled(scale), random_rotation(rng), rng, Condition(noise_px=0.5)
+    )
+    return 100 * (scale - 1), StarTracker(database, told, settings).solve(frame.xy_px)
+
+
 def nees(solution, true):
     error = Rotation.from_matrix(solution.attitude.rotation.T @ true).as_rotvec()
     return error @ np.linalg.solve(solution.attitude.covariance_rad2, error)
@@ -91,13 +104,8 @@ def test_a_part_of_the_stars_does_not_draw_the_pose_away_from_a_far_better_one(
     With the focal length free the same stars have 38 to 62 decades. Of 70,000 scenes of
     benchmark/wrong_solutions.py these were the ones that were left.
     """
-    rng, told = np.random.default_rng(seed), CAMERAS["12 deg"]
-    scale = 1 + rng.uniform(-0.1, 0.1)
-    assert 100 * (scale - 1) == pytest.approx(percent, abs=0.05)
-    frame = synthetic_field(
-        database.catalog, told.scaled(scale), random_rotation(rng), rng, Condition(noise_px=0.5)
-    )
-    solution = StarTracker(database, told, PATIENT).solve(frame.xy_px)
+    off_percent, solution = of_wrong_scale(database, seed, CAMERAS["12 deg"])
+    assert off_percent == pytest.approx(percent, abs=0.05)
     assert solution.status is Status.NO_MATCH
     assert "field of view" in solution.reason
 
@@ -109,13 +117,8 @@ def test_stars_that_lie_far_off_need_ten_times_the_evidence(database, seed, perc
     Of 50,000 scenes these two were wrong, one by 125 deg: where the true pose is not to be found
     a chance one that is enough is one of thousands.
     """
-    rng, told = np.random.default_rng(seed), CAMERAS["12 deg"]
-    scale = 1 + rng.uniform(-0.1, 0.1)
-    assert 100 * (scale - 1) == pytest.approx(percent, abs=0.05)
-    frame = synthetic_field(
-        database.catalog, told.scaled(scale), random_rotation(rng), rng, Condition(noise_px=0.5)
-    )
-    solution = StarTracker(database, told, PATIENT).solve(frame.xy_px)
+    off_percent, solution = of_wrong_scale(database, seed, CAMERAS["12 deg"])
+    assert off_percent == pytest.approx(percent, abs=0.05)
     assert solution.status is Status.NO_MATCH
     assert -4 < solution.log10_false_alarms < -3
     assert "field of view" in solution.reason
@@ -124,10 +127,5 @@ def test_stars_that_lie_far_off_need_ten_times_the_evidence(database, seed, perc
 @pytest.mark.parametrize("settings", [PATIENT, SolveSettings(centroid_sigma_px=1.0)], ids=str)
 def test_stars_dozens_of_pixels_off_are_none(database, settings):
     """71 of 87 stars, 26 px off (root mean square), with 9 decades: 0.3 deg wrong, as SOLVED."""
-    rng, told = np.random.default_rng(603583), CAMERAS["20 deg"]
-    scale = 1 + rng.uniform(-0.1, 0.1)
-    frame = synthetic_field(
-        database.catalog, told.scaled(scale), random_rotation(rng), rng, Condition(noise_px=0.5)
-    )
-    solution = StarTracker(database, told, settings).solve(frame.xy_px)
+    _, solution = of_wrong_scale(database, 603583, CAMERAS["20 deg"], settings)
     assert solution.status is not Status.SOLVED
