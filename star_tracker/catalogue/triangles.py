@@ -126,9 +126,9 @@ def _sort_by_shape(
     log_size: Floats, angle: Floats, units: NDArray[np.int32], grid: Grid,
     sorted_rows: tuple[NDArray[np.int32], NDArray[np.int32]],
 ) -> None:
-    """Count the triangles of each cell in the first array, or write them to the second if it is
-    not empty, each cell's from the place on that the first holds.
+    """Count the triangles of each cell, or sort them into their cells.
 
+    `sorted_rows` are the counts and nothing, or the place where each cell begins and the rows.
     The sizes of each star ascend, so that the ratios of a second companion descend.
     """
     at, rows = sorted_rows

@@ -17,7 +17,7 @@ class Ended(IntEnum):
         CONTRADICTED: the best pose is good enough, and yet the camera is another one: most of the
             stars that make it so are gone once it is fitted to them, or it fits far better with
             another focal length, or they contradict the told one and are far off with any, or are
-            far off and carry little.
+            far off and carry little, or are dozens of pixels off.
     """
 
     MORE = 0

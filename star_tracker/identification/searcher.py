@@ -111,8 +111,8 @@ class Searcher:
     """
 
     __slots__ = (
-        "_act", "_n_hypotheses", "_progress", "_scale", "_stop_s", "camera", "catalog", "ended",
-        "engine", "method", "mode", "results", "scale_is_told",
+        "_act", "_progress", "_stop_s", "camera", "catalog", "ended", "engine", "method", "mode",
+        "results", "scale_is_told",
     )
 
     def __init__(
