@@ -41,7 +41,14 @@ def identify_client(parameters=None):
         client.reports = bench.inbox(DiagnosticArray, "/diagnostics")
         bench.start(IdentifyNode, {**MAPS_12, **(parameters or {})})
         bench.until(lambda: client.reports.n_publishers, "publisher of /diagnostics")
-        yield client.connect()
+        client.connect()
+        # A report from before it was ready may still be under way; topics keep their order.
+        bench.until(lambda: reports_of_a_ready_node(client), "report of the ready node")
+        yield client
+
+
+def reports_of_a_ready_node(client):
+    return [m for m in client.reports.messages if not m.status[0].message.startswith("starting: ")]
 
 
 @pytest.fixture(scope="module")
