@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.catalogue.depth import stars_in_view
 from star_tracker.catalogue.ladder import LadderStep
 from star_tracker.frame_solution import judged, labelled, received, refused, setup_of
 from star_tracker.identification.ended import Ended
@@ -68,7 +69,7 @@ class AnyCameraTracker:
             )
             prior = ScalePrior(-half, half, _DEPTHS * reach, told=False, sigma=math.inf)
             searchers = setup.searchers(database, with_mirror_image(camera), prior)
-            self._rungs.append((_expected(database, camera), searchers))
+            self._rungs.append((stars_in_view(len(database.catalog), camera), searchers))
         self.solve(np.zeros((0, 2)))  # compiles the path, which would take a frame's time
 
     @property
@@ -141,10 +142,3 @@ def _depths(steps: Sequence[LadderStep]) -> Iterator[tuple[LadderStep, FeatureDa
         yield step, step.database
         if wider is not None:
             yield step, wider.database
-
-
-def _expected(database: FeatureDatabase, camera: Camera) -> float:
-    """Return how many guide stars the average field of a camera shows."""
-    a, b = camera.width_px / 2 / camera.fx_px, camera.height_px / 2 / camera.fy_px
-    solid_angle = 4 * math.atan(a * b / math.sqrt(1 + a * a + b * b))
-    return float(len(database.catalog) * solid_angle / (4 * np.pi))

@@ -129,8 +129,7 @@ def refused(task: Task, searcher: Searcher) -> Solution:
 def judged(task: Task, verdict: Verdict) -> Solution:
     """Return the solution of a frame about which there is a verdict."""
     if verdict.ended == Ended.SOLVED:
-        verdict.best.results.outcome["n_hypotheses"] = verdict.n_hypotheses
-        return labelled(task, verdict.best)
+        return labelled(task, verdict.best, verdict.n_hypotheses)
     return _unsolved(task, _STATUS[verdict.ended], verdict.reason, verdict)
 
 
@@ -140,29 +139,33 @@ def _unsolved(task: Task, status: Status, reason: str, verdict: Verdict) -> Solu
         status, reason, Identification.empty(task.n_given),
         log10_false_alarms=-verdict.best.score, n_hypotheses=verdict.n_hypotheses,
         n_ignored=task.n_ignored(verdict.best.n_usable), n_surplus=task.n_surplus,
-        solve_ms=task.elapsed_ms,
+        solve_ms=task.ms_until(time.perf_counter()),
     )
 
 
-def labelled(task: Task, searcher: Searcher) -> Solution:
-    """Return the solution of a frame that a searcher has labelled."""
+def labelled(task: Task, searcher: Searcher, n_hypotheses: int | None = None) -> Solution:
+    """Return the solution of a frame that a searcher has labelled.
+
+    `n_hypotheses` were compared by all searchers, where it was not this one alone.
+    """
     return Solution.later(
-        _fields, task, searcher.camera, searcher.catalog, (searcher.method, searcher.mode),
-        searcher.results.numbers.copy(), time.perf_counter(),
+        _fields, task, searcher.camera, searcher.catalog,
+        (searcher.method, searcher.mode, n_hypotheses), searcher.results.numbers.copy(),
+        time.perf_counter(),
     )
 
 
 def _fields(
-    task: Task, camera: Camera, catalog: StarCatalog, come_by: tuple[str, str], numbers: Floats,
-    ended_s: float,
+    task: Task, camera: Camera, catalog: StarCatalog, come_by: tuple[str, str, int | None],
+    numbers: Floats, ended_s: float,
 ) -> dict[str, Any]:
     """Return the fields of a solution, by name."""
     outcome, quaternion, covariance = parts_of(numbers)
     (
-        n_usable, n_hypotheses, ra, dec, roll, rms_px, scale, variance_px2, scale_variance,
+        n_usable, of_one, ra, dec, roll, rms_px, scale, variance_px2, scale_variance,
         wrong_probability, score,
     ) = outcome.item()
-    method, mode = come_by
+    method, mode, of_all = come_by
     labels = task.all_labels
     return {
         "status": Status.SOLVED, "reason": "identified", "method": method, "mode": mode,
@@ -172,9 +175,9 @@ def _fields(
         "attitude": Attitude(quaternion, covariance, ra, dec, roll),
         "parity": camera.parity,
         "wrong_probability": wrong_probability, "log10_false_alarms": -score, "rms_px": rms_px,
-        "n_hypotheses": n_hypotheses,
+        "n_hypotheses": of_one if of_all is None else of_all,
         "n_ignored": task.n_ignored(n_usable), "n_surplus": task.n_surplus,
-        "solve_ms": 1e3 * (ended_s - task.started_s),
+        "solve_ms": task.ms_until(ended_s),
         "told_camera": camera, "scale": scale, "focal_length_error": scale_variance**0.5,
         "centroid_sigma_px": variance_px2**0.5, "catalog": catalog,
     }

@@ -57,7 +57,7 @@ class StarTracker:
         if method != METHODS[0] and candidates is None:
             candidates = partial(fallback.candidates, database, settings=s.radial_cyclic)
             for factor in s.radial_cyclic.ring_factors:
-                database.patterns.level(factor)
+                _ = database.patterns.level(factor).log_likelihoods
             _ = database.pattern_pairs
         both_parities = camera.parity == "auto"
         setup = setup_of(s, both_parities=both_parities)

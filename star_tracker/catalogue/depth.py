@@ -95,6 +95,11 @@ def solid_angle_sr(camera: Camera) -> float:
     return 4 * math.atan(a * b / math.sqrt(1 + a * a + b * b))
 
 
+def stars_in_view(n_stars: int, camera: Camera) -> float:
+    """Return how many of so many stars the average field of a camera shows."""
+    return n_stars * solid_angle_sr(camera) / (4 * math.pi)
+
+
 def blend_separation_deg(camera: Camera) -> float:
     """Return the angle below which a camera takes two stars for one, in steps of 2^(1/2)."""
     low, high = MIN_SEPARATION_RANGE_DEG

@@ -7,20 +7,21 @@ reach (a likelihood ratio of e^10, which is 4.5 standard deviations where stars 
 
 Where part of the stars are matched wrongly it does not tell: they fit by chance, and with another
 focal length no better. So a pose whose stars lie far from their places is judged again with the
-focal length free, and has to have more evidence than that; and ten times what is enough.
+focal length free, and has to have more evidence than that; and ten times what is enough. And where
+a focal length was fitted, the stars are matched anew with it: those that were matched before may
+be a cluster in a corner, of which a wrong one draws the pose away from all others.
 """
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from star_tracker.attitude.joint_fit import refine_scaled
 from star_tracker.attitude.pose import copy_pose
 from star_tracker.compiled import compiled
 from star_tracker.identification.judge import GATE_TOLERANCES
 from star_tracker.identification.labels import measure
-from star_tracker.identification.search import LOOK_FARTHER_PX, judged
+from star_tracker.identification.search import LOOK_FARTHER_PX, doubtful, judged
 from star_tracker.optics.frame import see_at_scale
 
 #: The logarithm of the likelihood ratio that contradicts, and least deviation of the focal length
@@ -28,25 +29,26 @@ from star_tracker.optics.frame import see_at_scale
 _CONTRADICTS, _LEAST = 10.0, 1e-3
 #: Steps of the fit, once it is wanted.
 _STEPS = 4
-#: Stars that lie farther than this from their places, root mean square, are far, px: with any
-#: focal length wrong ones carry part of the pose then. The eight maps had 7 to 26 px with a field
-#: of view that was 4 to 6 % off, and 0.1 px with the right one.
-FAR_PX = 3.0
-#: Stars that lie farther off than this, and than so many standard deviations of the noise that is
-#: expected, belong to another camera whatever their evidence: no search looks so far, and yet
-#: labels that are as noisy as their frame would go on from there.
-_FARTHEST_PX, _FARTHEST_SIGMA = 12.0, 3.0
-#: Decades beyond enough that such a pose needs: where the true one is not to be found, as the
-#: focal length is another, the widest gates let in the most poses by chance.
-FAR_LEAD = 1.0
+#: Stars that lie farther than this from their places, root mean square, and than so many standard
+#: deviations of the noise that is expected, are far: with any focal length wrong ones carry part
+#: of the pose then. The eight maps had 7 to 26 px with a field of view that was 4 to 6 % off, and
+#: 0.1 px with the right one.
+_FAR_PX, _FAR_SIGMA = 3.0, 3.0
+#: Stars that lie farther off than this beyond that noise belong to another camera whatever their
+#: evidence: no search looks so far, and yet labels that are as noisy as their frame would go on
+#: from there.
+_FARTHEST_PX = 12.0
+#: Decades beyond enough that a pose of far stars needs: where the true one is not to be found, as
+#: the focal length is another, the widest gates let in the most poses by chance.
+_FAR_LEAD = 1.0
 
 
 @compiled
-def fit_focal_length(engine: Any, labels: NDArray[np.void], k: int, sum2: float) -> float:
-    """Fit the focal length too, if the `k` identified stars contradict it; return their sum2.
+def fit_focal_length(engine: Any, k: int, sum2: float) -> bool:
+    """Fit the focal length too, if the `k` identified stars contradict it; return whether they do.
 
-    `sum2` is their sum of squared residuals, px^2, with the focal length as told. The pose, its
-    scale and the residuals of `labels` change where they do.
+    `sum2` is their sum of squared residuals, px^2, with the focal length as told. The best pose
+    and its scale change where they do, and the frame is seen at that scale.
     """
     frame, matches, best, trial = engine.frame, engine.matches, engine.best, engine.matches.trial
     sky = engine.sky
@@ -57,28 +59,50 @@ def fit_focal_length(engine: Any, labels: NDArray[np.void], k: int, sum2: float)
         freed = measure(sky, frame, trial, k, matches)
         ratio = 0.5 * (2 * k - 3) * np.log(max(sum2, 1e-300) / max(freed, 1e-300))
         if step == 0 and (ratio < 0.5 * _CONTRADICTS or abs(np.log(trial.scale)) < _LEAST):
-            return sum2  # nearly every frame
+            return False  # nearly every frame
         see_at_scale(frame, sky.focal_px, trial.scale)
     if ratio < _CONTRADICTS or abs(np.log(trial.scale)) < _LEAST:
         see_at_scale(frame, sky.focal_px, best.scale)
-        return sum2
+        return False
     copy_pose(trial, best)
     best.free = True
-    for i in range(k):
-        labels[frame.row[matches.observed[i]]].residual_px = np.sqrt(matches.residual2[i])
-    return freed
+    return True
 
 
 @compiled
-def too_far(engine: Any, rms_px: float) -> bool:
-    """Return whether stars lie farther from their places than any that may be labelled."""
-    known = engine.sky.evidence
+def judge_scaled(engine: Any) -> bool:
+    """Judge the best pose anew with the focal length that was fitted; return whether it holds.
+
+    The pose becomes what its stars and that focal length make of it.
+    """
+    pose, best = engine.room.pose, engine.best
+    copy_pose(best, pose)
+    found = judged(engine, engine.doubt, pose, engine.progress[0].tolerance_px)
+    copy_pose(pose, best)
+    return found > engine.limits.enough
+
+
+@compiled
+def disagree(engine: Any, rms_px: float) -> bool:
+    """Return whether the stars lie too far from their places for the camera to be as told.
+
+    `rms_px` is their root mean square residual. The matches are used.
+    """
+    known, progress, limits = engine.sky.evidence, engine.progress[0], engine.limits
     expected_px = np.sqrt(known.scale_px2 / known.freedom)
-    return rms_px > _FARTHEST_PX + _FARTHEST_SIGMA * expected_px
+    if rms_px > _FARTHEST_PX + _FAR_SIGMA * expected_px:
+        return True
+    if rms_px <= max(_FAR_PX, _FAR_SIGMA * expected_px):
+        return False
+    if engine.best.free:  # far although the focal length was fitted
+        return engine.sky.scale_prior.sigma == 0.0
+    if not doubtful(progress.score, engine.frame.n):
+        return False
+    return progress.score < limits.enough + _FAR_LEAD or _fits_better_scaled(engine)
 
 
 @compiled
-def fits_better_scaled(engine: Any) -> bool:
+def _fits_better_scaled(engine: Any) -> bool:
     """Return whether the best pose has clearly more evidence with another focal length.
 
     It is begun from a longer and from a shorter one, each so far off that the stars at the border

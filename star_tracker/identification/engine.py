@@ -12,7 +12,7 @@ from star_tracker.compiled import compiled, struct
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.cells import empty_room
 from star_tracker.identification.crowd import no_crowd
-from star_tracker.identification.evidence import scale_prior
+from star_tracker.identification.evidence import ScalePrior, scale_prior
 from star_tracker.identification.judge import Sky, View, empty_matches
 from star_tracker.identification.progress import PROGRESS
 from star_tracker.identification.search import Limits
@@ -114,18 +114,18 @@ def make_scratch(sizes: Sizes) -> Any:
 
 
 @compiled
+def _sky(view: View, prior: ScalePrior) -> Any:
+    return Sky(
+        view.guides, view.v_mag, view.optics, view.focal_px, view.radius_rad, view.evidence, prior
+    )
+
+
+@compiled
 def make_engine(
     view: View, table: PairTable, shapes: TriangleTable,
     search: tuple[NDArray[np.void], Limits], scratch: Any, results: Results,
 ) -> Any:
     """Put an engine together: what it sees, pairs and shapes, how it searches, and its memory."""
-    sky = Sky(
-        view.guides, view.v_mag, view.optics, view.focal_px, view.radius_rad, view.evidence,
-        view.scale_prior,
-    )
-    doubt = Sky(
-        view.guides, view.v_mag, view.optics, view.focal_px, view.radius_rad, view.evidence, _DOUBT
-    )
     pairs = Pairs(
         table.separation_rad, table.main_azimuth, table.bin_start, table.near_start,
         table.near_separation_rad, table.near_azimuth, table.near_companion,
@@ -137,7 +137,7 @@ def make_engine(
     )
     levels, limits = search
     return Engine(
-        sky, doubt, pairs, triangles, levels, limits,
+        _sky(view, view.scale_prior), _sky(view, _DOUBT), pairs, triangles, levels, limits,
         scratch.votes, scratch.room, scratch.matches, scratch.fan,
         empty_frame(results.vectors), no_crowd(),
         results.progress, results.proposed, Pose(results.rotation, 1.0, False),

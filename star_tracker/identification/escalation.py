@@ -132,9 +132,11 @@ class Escalation:
         Ends where something is solved. Returns the hypotheses that the fallback has compared.
         """
         for other in self._asked[1:]:
+            if time.perf_counter() > task.deadline_s:
+                return 0
             self._n_begun += 1
             other.follow(task, task.deadline_s)
-            if other.ended == Ended.SOLVED or time.perf_counter() > task.deadline_s:
+            if other.ended == Ended.SOLVED:
                 return 0
         if self._fallback is None:
             self._exhaust(self._asked, task, task.deadline_s)
@@ -159,9 +161,11 @@ class Escalation:
             one.stop_at(deadline_s)
         while any(one.ended == Ended.MORE for one in searchers):
             for one in searchers:
+                if time.perf_counter() > deadline_s:
+                    return
                 if one.ended == Ended.MORE:
                     one.go_on(task)
-                if one.ended == Ended.SOLVED or time.perf_counter() > deadline_s:
+                if one.ended == Ended.SOLVED:
                     return
 
     def _doubt(self, best: Searcher, task: Task) -> tuple[Ended, str]:

@@ -97,7 +97,7 @@ def candidates(
 ) -> Steps:
     """Yield candidates, the most similar pairs of main star and guide star first.
 
-    There is also a step for each main star looked at and each pair that the alignment refuses.
+    There are also steps for each main star looked at and each pair that the alignment refuses.
     Studies give another similarity than the likelihood ratio, and the observed patterns
     compensation codes.
     """
@@ -116,6 +116,7 @@ def candidates(
                 field.vectors[main.star], field.vectors[main.neighbour], level.settings,
                 pole=CAMERA_POLE, compensated=compensated,
             )
+            yield n_compared, None
             rows.append((similarity or _likelihood)(level, [pattern]))
         yield n_compared, None
         similarities = np.concatenate(rows)

@@ -83,14 +83,14 @@ def blank_labels(n: int) -> NDArray[np.void]:
 
 
 @compiled
-def label_frame(engine: Any, labels: NDArray[np.void]) -> tuple[int, float]:
-    """Label the centroids and fit the best pose to the identified ones.
+def label_frame(engine: Any, sky: Any, labels: NDArray[np.void]) -> tuple[int, float]:
+    """Label the centroids and fit the best pose, which is one of `sky`, to the identified ones.
 
     The noise is estimated from the frame itself, from the matches that carry most evidence, so
     that a precise frame gets a narrow gate. Writes a row of `labels` for each centroid of the
     input. Returns the number of identified stars and the sum of their squared residuals.
     """
-    sky, frame, matches, best = engine.sky, engine.frame, engine.matches, engine.best
+    frame, matches, best = engine.frame, engine.matches, engine.best
     gate = GATE_TOLERANCES * engine.progress[0].tolerance_px
     n_near, k = matches.n_near, 0
     free = sky.scale_prior.sigma > 0.0
@@ -110,7 +110,7 @@ def label_frame(engine: Any, labels: NDArray[np.void]) -> tuple[int, float]:
         row.catalog_index, row.state = matches.catalog[i], StarState.IDENTIFIED
         row.residual_px = np.sqrt(matches.residual2[i])
     if engine.limits.displaced_gate_px > 0 and k < frame.n:
-        _label_displaced(engine, n_near, k, labels)
+        _label_displaced(engine, sky, n_near, k, labels)
     return k, sum2
 
 
@@ -191,7 +191,9 @@ def _sigma(residual2: Floats, k: int) -> float:
 
 
 @compiled
-def _label_displaced(engine: Any, n_near: int, k: int, labels: NDArray[np.void]) -> None:
+def _label_displaced(
+    engine: Any, sky: Any, n_near: int, k: int, labels: NDArray[np.void]
+) -> None:
     """Label stars that are left over with guide stars of the image that are left over.
 
     The first `k` matches are not left over. The nearest pair goes first. A pair counts only where
@@ -199,7 +201,7 @@ def _label_displaced(engine: Any, n_near: int, k: int, labels: NDArray[np.void])
     unrelated points so close: with a unmatched stars and b unmatched guide stars, a b pi d^2 /
     area pairs are expected within d.
     """
-    sky, frame, matches = engine.sky, engine.frame, engine.matches
+    frame, matches = engine.frame, engine.matches
     gate_px = engine.limits.displaced_gate_px
     star = np.empty(frame.n, np.int64)
     a = 0

@@ -1,41 +1,68 @@
 """In which order the search looks: levels of tolerance, main stars and companions."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from star_tracker.identification.cells import MatchGroupSettings
 from star_tracker.identification.evidence import ScalePrior
 
-#: One level of a search:
-#:
-#: - by_shape: whether triangles vote, by shape and size (`shapes.py`), or pairs by separation;
-#: - tolerance_px: of a separation;
-#: - companions: how many vote for a main star;
-#: - mains: how many main stars there are;
-#: - batch: by shape, how many at a time, before the cells are looked at; pairs vote all at once;
-#: - votes: by shape, the least votes of a cell that is looked at, however few there are in all;
-#: - cells: most cells that are looked at, of a batch or of a main star whose pairs vote;
-#: - worth: by shape, the least worth of a candidate (`shapes.keep_agreeing`): false ones have 0.9
-#:   to 2.7 in the median, true ones 4 to 5;
-#: - pause: whether the searches of other cameras have their turn after it;
-#: - least_n: for frames of at least so many centroids.
+#: As many as there are.
+_ALL = np.iinfo(np.int64).max
+
+
+class Level(NamedTuple):
+    """One level of a search.
+
+    Attributes:
+        by_shape: whether triangles vote, by shape and size (`shapes.py`), or pairs by separation.
+        tolerance_px: of a separation.
+        companions: how many vote for a main star.
+        mains: how many main stars there are.
+        batch: by shape, how many companions at a time, before the cells are looked at; pairs vote
+            all at once.
+        votes: by shape, the least votes of a cell that is looked at, however few there are in all.
+        cells: most cells that are looked at, of a batch or of a main star whose pairs vote.
+        worth: by shape, the least worth of a candidate (`shapes.keep_agreeing`): false ones have
+            0.9 to 2.7 in the median, true ones 4 to 5.
+        pause: whether the searches of other cameras have their turn after it.
+        least_n, most_n: for frames of so many centroids.
+    """
+
+    by_shape: bool
+    tolerance_px: float
+    companions: int
+    mains: int
+    batch: int
+    votes: int
+    cells: int
+    worth: float
+    pause: bool = False
+    least_n: int = 0
+    most_n: int = _ALL
+
+
+#: The same, for compiled code.
 LEVEL = np.dtype([
     ("by_shape", np.bool_), ("tolerance_px", np.float64), ("companions", np.int64),
     ("mains", np.int64), ("batch", np.int64), ("votes", np.int64), ("cells", np.int64),
-    ("worth", np.float64), ("pause", np.bool_), ("least_n", np.int64),
+    ("worth", np.float64), ("pause", np.bool_), ("least_n", np.int64), ("most_n", np.int64),
 ])
-Level = tuple[bool, float, int, int, int, int, int, float, bool, int]
-#: As many main stars as the frame has stars.
-_ALL = np.iinfo(np.int64).max
 #: Most cells of a main star in a full search by shape.
 MOST_SHAPE_CELLS = 64
 #: In frames of so many centroids, nearly all of them false, the nearest few companions of a star
 #: hardly have a true one among them: more of them vote before the full search. With 15 times as
 #: many false stars as true ones four of 64 are true, enough to stand out in every second star.
 FULL_OF_FALSE, _MANY_COMPANIONS = 250, 64
+#: Frames with so many times the centroids that an average field shows have false ones: noise can
+#: wait then.
+_MORE_THAN_EXPECTED = 1.4
 
 
-def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
+def levels(
+    settings: MatchGroupSettings, prior: ScalePrior, n_expected: float
+) -> NDArray[np.void]:
     """Return the levels of a search (levels,), of `LEVEL`.
 
     A quick search, enough for most frames, comes before the full one. It goes by shape, also where
@@ -46,7 +73,7 @@ def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
     """
     if not prior.told:
         return np.array(_quick_of_any_scale(settings) + _full_by_shape(settings), LEVEL)
-    quick, full = _quick(settings), _full_by_separation(settings)
+    quick, full = _quick(settings, n_expected), _full_by_separation(settings)
     if prior.log_range > 0.0:
         turns = zip(full, _full_by_shape(settings), strict=True)
         full = [level for turn in turns for level in turn]
@@ -57,21 +84,25 @@ def levels(settings: MatchGroupSettings, prior: ScalePrior) -> NDArray[np.void]:
     return told
 
 
-def _quick(settings: MatchGroupSettings) -> list[Level]:
+def _quick(settings: MatchGroupSettings, n_expected: float) -> list[Level]:
     """Return the levels of a quick search at a told scale.
 
     Chosen for the median time over noise, missing and false stars (benchmark/RESULTS.md): the six
-    triangles of four companions first, then patience for noise, then more companions for false
-    stars, then more patience. What a main star costs is mostly how far apart in memory its
-    triangles lie, so that few of them for three stars are better than many for one.
+    triangles of four companions first; then patience for noise, or twice the companions where
+    there are more centroids than stars to be expected; then still more of both in turn. What a
+    main star costs is mostly how far apart in memory its triangles lie, so that few of them for
+    three stars are better than many for one.
     """
     first, second = _tolerances(settings)
-    between = 0.5 * (first + second)
+    few = round(_MORE_THAN_EXPECTED * n_expected)
+    noisy = _short(0.5 * (first + second), companions=8, mains=4, batch=4, cells=6)
+    crowded = _short(first, companions=8, mains=6, batch=8, cells=12)
     return [
-        (True, first, 4, 3, 4, 3, 8, 2.0, False, 0),
-        (True, between, 8, 4, 4, 3, 6, 2.0, False, 0),
-        (True, first, 12, 6, 12, 3, 24, 2.0, False, 0),
-        (True, second, 8, 6, 4, 3, 12, 2.0, False, 0),
+        _short(first, companions=4, mains=3, batch=4, cells=8),
+        noisy._replace(most_n=few),
+        crowded._replace(least_n=few + 1),
+        _short(first, companions=12, mains=6, batch=12, cells=24),
+        _short(second, companions=8, mains=6, batch=4, cells=12),
     ] * settings.quick
 
 
@@ -79,30 +110,43 @@ def _quick_of_any_scale(settings: MatchGroupSettings) -> list[Level]:
     """Return the levels of a quick search at a scale that is not told."""
     first, second = _tolerances(settings)
     return [
-        (True, first, 6, 3, 6, 3, 8, 2.0, True, 0),
-        (True, first, 12, 6, 12, 3, 24, 2.0, False, 0),
-        (True, second, 12, 4, 12, 3, 48, 2.5, True, 0),
+        _short(first, companions=6, mains=3, batch=6, cells=8)._replace(pause=True),
+        _short(first, companions=12, mains=6, batch=12, cells=24),
+        _short(second, companions=12, mains=4, batch=12, cells=48)._replace(worth=2.5, pause=True),
     ] * settings.quick
+
+
+def _short(tolerance_px: float, companions: int, mains: int, batch: int, cells: int) -> Level:
+    """Return a level of a quick search."""
+    return Level(
+        True, tolerance_px, companions, mains, batch, votes=3, cells=cells, worth=2.0
+    )
 
 
 def _among_false(settings: MatchGroupSettings) -> Level:
     """Return the level of frames that are full of false stars."""
-    n, first = _MANY_COMPANIONS, settings.pair_tolerance_px[0]
-    return (False, first, n, _ALL, n, 0, settings.cells, 0.0, False, FULL_OF_FALSE)
+    first = settings.pair_tolerance_px[0]
+    return _by_separation(first, _MANY_COMPANIONS, settings)._replace(least_n=FULL_OF_FALSE)
 
 
 def _full_by_separation(settings: MatchGroupSettings) -> list[Level]:
-    n = settings.companions
     return [
-        (False, t, n, _ALL, n, 0, settings.cells, 0.0, False, 0)
-        for t in settings.pair_tolerance_px
+        _by_separation(t, settings.companions, settings) for t in settings.pair_tolerance_px
     ]
+
+
+def _by_separation(tolerance_px: float, companions: int, settings: MatchGroupSettings) -> Level:
+    """Return a level whose pairs vote: of each star, without a least number of votes or worth."""
+    return Level(
+        False, tolerance_px, companions, _ALL, batch=companions, votes=0, cells=settings.cells,
+        worth=0.0,
+    )
 
 
 def _full_by_shape(settings: MatchGroupSettings) -> list[Level]:
     n = settings.companions
     return [
-        (True, t, n, _ALL, n, 3, MOST_SHAPE_CELLS, 1.5, True, 0)
+        Level(True, t, n, _ALL, n, votes=3, cells=MOST_SHAPE_CELLS, worth=1.5, pause=True)
         for t in settings.pair_tolerance_px
     ]
 

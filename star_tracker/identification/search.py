@@ -80,7 +80,8 @@ def search(engine: Any) -> int:
     while progress.level < len(levels):
         at = progress.level
         level = levels[at]
-        if frame.n < level.least_n or progress.next_main >= min(frame.n, level.mains):
+        n_mains = min(frame.n, level.mains)
+        if not level.least_n <= frame.n <= level.most_n or progress.next_main >= n_mains:
             progress.level, progress.next_main = at + 1, 0
             if level.pause and progress.level < len(levels):
                 return Ended.MORE

@@ -90,10 +90,9 @@ class Task:
         """`time.perf_counter` when its time is up."""
         return self.started_s + self.deadline_ms / 1e3
 
-    @property
-    def elapsed_ms(self) -> float:
-        """Wall-clock time since it came."""
-        return 1e3 * (time.perf_counter() - self.started_s)
+    def ms_until(self, ended_s: float) -> float:
+        """Return the wall-clock time from its coming to a `time.perf_counter`."""
+        return 1e3 * (ended_s - self.started_s)
 
 
 class Searcher:

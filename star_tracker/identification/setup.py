@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from star_tracker.catalogue.database import FeatureDatabase
+from star_tracker.catalogue.depth import stars_in_view
 from star_tracker.catalogue.triangles import TriangleTable
 from star_tracker.identification import plan
 from star_tracker.identification.cells import MatchGroupSettings
@@ -41,7 +42,8 @@ class Setup:
         self, database: FeatureDatabase, cameras: tuple[Camera, ...], prior: ScalePrior
     ) -> list[Searcher]:
         """Return a searcher for each camera, which differ in parity only."""
-        levels = plan.levels(self.match_group or MatchGroupSettings(), prior)
+        n_expected = stars_in_view(len(database.catalog), cameras[0])
+        levels = plan.levels(self.match_group or MatchGroupSettings(), prior, n_expected)
         if self.match_group is None:
             levels = levels[:0]
         v_mag = np.ascontiguousarray(database.catalog.v_mag, float)

@@ -25,19 +25,13 @@ from star_tracker.geometry.rotation import (
     write_quaternion,
 )
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.contradiction import (
-    FAR_LEAD,
-    FAR_PX,
-    fit_focal_length,
-    fits_better_scaled,
-    too_far,
-)
+from star_tracker.identification.contradiction import disagree, fit_focal_length, judge_scaled
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
 from star_tracker.identification.judge import GATE_TOLERANCES
 from star_tracker.identification.labels import StarState, label_frame
 from star_tracker.identification.progress import POSE_LEAD, forget, wrong_probability
-from star_tracker.identification.search import certain, doubtful, judge_and_keep, search
+from star_tracker.identification.search import certain, judge_and_keep, search
 from star_tracker.identification.symmetry import fits_in_mirror
 from star_tracker.optics.frame import fill_frame, see_at_scale
 
@@ -151,16 +145,17 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     CONTRADICTED.
     """
     rotation, outcome, frame = engine.best.rotation, engine.outcome[0], engine.frame
-    k, sum2 = label_frame(engine, labels)
-    outcome.scale, was_free = engine.best.scale, engine.best.free
-    if k < _LEAST_LEFT * engine.progress[0].n_matched:
+    k, sum2 = label_frame(engine, engine.sky, labels)
+    least = _LEAST_LEFT * engine.progress[0].n_matched
+    if k >= least and not engine.best.free and fit_focal_length(engine, k, sum2):
+        k = 0  # the stars were matched with another one
+        if judge_scaled(engine):
+            blank(labels)
+            k, sum2 = label_frame(engine, engine.doubt, labels)
+    outcome.scale = engine.best.scale
+    if k < least:
         return Ended.CONTRADICTED
-    if not was_free:
-        sum2 = fit_focal_length(engine, labels, k, sum2)
-    outcome.rms_px, outcome.scale = np.sqrt(sum2 / k), engine.best.scale
-    fitted_and_far = outcome.rms_px > FAR_PX and engine.best.free and not was_free
-    if fitted_and_far or too_far(engine, outcome.rms_px):
-        return Ended.CONTRADICTED
+    outcome.rms_px = np.sqrt(sum2 / k)
     write_quaternion(rotation, engine.quaternion)
     outcome.ra_rad, outcome.dec_rad, outcome.roll_rad = boresight_of(rotation)
     outcome.variance_px2 = variance(engine.sky.evidence, sum2, k, engine.best.free)
@@ -176,10 +171,7 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     outcome.n_hypotheses = progress.n_hypotheses
     needs_parity = _tells_no_parity(engine, k, outcome.rms_px)
     # The last step, as it takes the matches.
-    far = outcome.rms_px > FAR_PX and doubtful(progress.score, frame.n)
-    if far and not engine.best.free and (
-        progress.score < engine.limits.enough + FAR_LEAD or fits_better_scaled(engine)
-    ):
+    if disagree(engine, outcome.rms_px):
         return Ended.CONTRADICTED
     return Ended.CERTAIN if needs_parity else Ended.SOLVED
 

@@ -66,31 +66,17 @@ def test_one_that_is_right_stays_as_it_was_told(database):
         assert solution.camera == CAMERA
 
 
-@pytest.mark.parametrize("n", [20, pytest.param(60, marks=pytest.mark.slow)])
-def test_one_that_is_far_off_is_refused_in_a_sentence_or_the_attitude_is_right(database, n):
-    reasons = []
-    for solution, true in solved(database, 5.0, n):
-        if solution.status is Status.SOLVED:
-            assert nees(solution, true) < 30
-        elif solution.reason.startswith("the stars contradict"):
-            reasons.append(solution.reason)
-    assert len(reasons) > n // 12
-    assert all(
-        reason.endswith("correct fov_deg, or give it a tolerance (fov_tolerance_percent)")
-        for reason in reasons
-    )
-    assert reasons[0].startswith("the stars contradict the field of view of 19.07 deg, about ")
-
-
-@pytest.mark.parametrize("how", [{"predicted": True}, {"parity": "auto"}], ids=str)
-def test_so_it_is_with_a_predicted_attitude_and_where_the_parity_is_not_known(database, how):
-    reasons = []
-    for solution, true in solved(database, 5.0, 20, **how):
-        if solution.status is Status.SOLVED:
-            assert nees(solution, true) < 30
-        elif solution.reason.startswith("the stars contradict the field of view of 19.07 deg"):
-            reasons.append(solution.reason)
-    assert len(reasons) >= 2
+@pytest.mark.parametrize("n", [20, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("percent", [-5.0, 5.0])
+@pytest.mark.parametrize("how", [{}, {"predicted": True}, {"parity": "auto"}], ids=str)
+def test_one_that_is_far_off_is_found_all_the_same(database, n, percent, how):
+    """The few stars that fit at first show another focal length, and with it the rest come in."""
+    right = [(s, t) for s, t in solved(database, percent, n, **how) if s.status is Status.SOLVED]
+    assert len(right) >= 0.85 * n
+    assert max(nees(*one) for one in right) < 30
+    assert np.mean([nees(*one) for one in right]) < 6
+    for solution, _ in right:
+        assert solution.camera.fov_deg == pytest.approx(20.0, rel=2e-3)
 
 
 @pytest.mark.parametrize(("seed", "percent"), [
@@ -122,6 +108,18 @@ def test_stars_that_lie_far_off_need_ten_times_the_evidence(database, seed, perc
     assert solution.status is Status.NO_MATCH
     assert -4 < solution.log10_false_alarms < -3
     assert "field of view" in solution.reason
+
+
+def test_a_cluster_in_a_corner_brings_in_the_rest_of_the_stars(database):
+    """14 of 24 stars with 7 decades, one of them wrong: 0.10 deg wrong by 5 standard deviations.
+
+    With the focal length that they show, 2.4 % shorter, the others come into reach one by one.
+    """
+    off_percent, solution = of_wrong_scale(database, 601058, CAMERAS["12 deg"])
+    assert solution.status is Status.SOLVED
+    assert len(solution.identification.identified) == 24
+    assert solution.scale == pytest.approx(1 + off_percent / 100, rel=3e-3)
+    assert solution.rms_px < 0.7
 
 
 @pytest.mark.parametrize("settings", [PATIENT, SolveSettings(centroid_sigma_px=1.0)], ids=str)

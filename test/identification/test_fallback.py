@@ -342,7 +342,8 @@ def test_n_compared_counts_the_pairs_and_grows(figure):
 
 
 def test_a_frame_of_a_thousand_points_yields_often(paper, monkeypatch):
-    """A step for each main star, each pattern of it and guide star, and three for each level.
+    """A step for each main star, two for each pattern of it, one for each guide star, and three
+    for each level.
 
     What lies between two steps is bounded: no pattern is made of more than 60 neighbours.
     """
@@ -359,19 +360,19 @@ def test_a_frame_of_a_thousand_points_yields_often(paper, monkeypatch):
     for step in candidates(paper, field, RadialCyclicSettings(ring_factors=(1, 2))):
         steps.append(step)
         patterns_at_step.append(len(sizes))
-    assert len(steps) == 15 + 2 * (15 + 3 + 15 * 20)
+    assert len(steps) == 15 + 2 * (2 * 15 + 3 + 15 * 20)
     assert [candidate for _, candidate in steps[:30]] == [None] * 30
     assert max(np.diff(patterns_at_step)) == 1
     assert max(sizes) == 60
 
 
 def test_a_refused_pair_is_a_step_of_its_own(figure):
-    """A step for each main star; for each ring width three, and one a pattern and guide star."""
+    """A step for each main star; for each ring width three, two a pattern, one a guide star."""
     field, truth = view(figure, rotation_to(56.9, 24.1))
     n = len(truth)
     steps = steps_of(figure, field, ring_factors=(1, 2))
-    assert len(steps) == n + 2 * (n + 3 + n * len(figure.catalog))
-    assert sum(candidate is None for _, candidate in steps) > n + 2 * n
+    assert len(steps) == n + 2 * (2 * n + 3 + n * len(figure.catalog))
+    assert sum(candidate is None for _, candidate in steps) > n + 2 * 2 * n
 
 
 def test_no_more_guide_stars_than_asked_become_candidates(paper):

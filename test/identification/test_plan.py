@@ -10,22 +10,24 @@ from star_tracker.identification.evidence import EXACT, ScalePrior, scale_prior
 from star_tracker.identification.plan import LEVEL, levels
 
 UNKNOWN = ScalePrior(-0.3, 0.3, 2.0, told=False, sigma=math.inf)
+#: Centroids of an average frame.
+EXPECTED = 30.0
 #: As many main stars as there are.
 ALL = np.iinfo(np.int64).max
 
 
 def of_all_frames(found):
-    """Without the levels that are only for frames of very many centroids."""
+    """Without the levels that are only for frames of more centroids than stars are expected."""
     return found[found["least_n"] == 0]
 
 
 def told_with_tolerance(settings):
-    return levels(settings, scale_prior(5.0))
+    return of_all_frames(levels(settings, scale_prior(5.0), EXPECTED))
 
 
 def test_the_full_search_tries_the_tolerances_in_turn():
     settings = MatchGroupSettings((1.0, 3.0), companions=9, cells=7, quick=False)
-    found = of_all_frames(levels(settings, EXACT))
+    found = of_all_frames(levels(settings, EXACT, EXPECTED))
     assert found.dtype == LEVEL
     assert not found["by_shape"].any()
     assert found["tolerance_px"].tolist() == [1, 3]
@@ -37,7 +39,7 @@ def test_the_full_search_tries_the_tolerances_in_turn():
     ((2.0,), [2, 2, 2, 2]), ((2.0, 6.0, 12.0), [2, 4, 2, 6]),
 ])
 def test_a_short_search_by_shape_comes_before_the_full_one(tolerances, short):
-    found = of_all_frames(levels(MatchGroupSettings(tolerances), EXACT))
+    found = of_all_frames(levels(MatchGroupSettings(tolerances), EXACT, EXPECTED))
     assert found["tolerance_px"].tolist() == [*short, *tolerances]
     short, full = found[:4], found[4:]
     assert short["by_shape"].all()
@@ -48,11 +50,22 @@ def test_a_short_search_by_shape_comes_before_the_full_one(tolerances, short):
     assert not found["pause"].any()
 
 
+def test_where_more_centroids_come_than_stars_are_expected_companions_come_before_noise():
+    found = levels(MatchGroupSettings((2.0, 6.0)), EXACT, EXPECTED)
+    usual, crowded = (
+        found[(found["least_n"] <= n) & (n <= found["most_n"])][["tolerance_px", "companions"]]
+        for n in (42, 43)
+    )
+    assert usual[1].tolist() == (4.0, 8)
+    assert crowded[1].tolist() == (2.0, 8)
+    np.testing.assert_array_equal(np.delete(usual, 1), np.delete(crowded, 1))
+
+
 @pytest.mark.parametrize("quick", [True, False])
 def test_among_hundreds_of_false_stars_many_companions_vote_before_the_full_search(quick):
-    found = levels(MatchGroupSettings(quick=quick), EXACT)
-    (at,) = np.flatnonzero(found["least_n"])
-    assert at == 4 * quick
+    found = levels(MatchGroupSettings(quick=quick), EXACT, EXPECTED)
+    (at,) = np.flatnonzero(found["least_n"] > 10 * EXPECTED / 2)
+    assert at == 5 * quick
     assert found["mains"][at] == ALL
     assert found["companions"][at] > found["companions"][at + 1]
 
@@ -62,7 +75,7 @@ def test_among_hundreds_of_false_stars_many_companions_vote_before_the_full_sear
 @pytest.mark.parametrize("companions", [1, 20, 40])
 def test_the_votes_of_all_batches_have_room(prior, quick, companions):
     """The engine makes room for the most companions of any level."""
-    found = levels(MatchGroupSettings(companions=companions, quick=quick), prior)
+    found = levels(MatchGroupSettings(companions=companions, quick=quick), prior, EXPECTED)
     assert np.all(found["batch"] <= found["companions"])
     assert np.all(found["companions"] >= 1)
     assert np.all(found["cells"] >= 1)
@@ -80,7 +93,7 @@ def test_where_the_focal_length_is_told_with_a_tolerance_the_full_search_takes_t
 @pytest.mark.parametrize("quick", [True, False])
 def test_what_is_told_exactly_is_a_part_of_what_is_told_with_a_tolerance(quick):
     settings = MatchGroupSettings((2.0, 6.0), quick=quick)
-    exact, both = of_all_frames(levels(settings, EXACT)), told_with_tolerance(settings)
+    exact, both = of_all_frames(levels(settings, EXACT, EXPECTED)), told_with_tolerance(settings)
     n_short = 4 * quick
     np.testing.assert_array_equal(both[:n_short], exact[:n_short])
     np.testing.assert_array_equal(both[n_short::2], exact[n_short:])
@@ -89,7 +102,7 @@ def test_what_is_told_exactly_is_a_part_of_what_is_told_with_a_tolerance(quick):
 @pytest.mark.parametrize("quick", [True, False])
 def test_where_the_focal_length_is_not_told_only_shapes_are_left(quick):
     settings = MatchGroupSettings((2.0, 6.0), quick=quick)
-    found = levels(settings, UNKNOWN)
+    found = levels(settings, UNKNOWN, EXPECTED)
     assert found["by_shape"].all()
     n_short = 3 * quick
     full = told_with_tolerance(settings)[4 * quick + 1 :: 2]
@@ -101,6 +114,6 @@ def test_where_the_focal_length_is_not_told_only_shapes_are_left(quick):
 
 def test_a_candidate_by_shape_has_votes_that_chance_does_not_give():
     """Of one triangle alone there are many; what its members are worth is asked besides."""
-    found = levels(MatchGroupSettings(), UNKNOWN)
+    found = levels(MatchGroupSettings(), UNKNOWN, EXPECTED)
     assert np.all(found["votes"] >= 3)
     assert np.all(found["worth"] > 1)
