@@ -1,5 +1,6 @@
 """The whole path: centroids -> vectors -> candidates -> verified identification -> attitude."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,7 +13,7 @@ from star_tracker.geometry.spherical import Floats
 from star_tracker.identification import fallback
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.escalation import Candidates, Escalation
-from star_tracker.identification.evidence import scale_prior
+from star_tracker.identification.evidence import DOUBT, scale_prior
 from star_tracker.identification.searcher import METHODS, Task
 from star_tracker.identification.setup import with_mirror_image
 from star_tracker.identification.stream import Expectation, expect
@@ -65,12 +66,16 @@ class StarTracker:
         searchers = setup.searchers(
             database, with_mirror_image(camera), scale_prior(camera.tolerance_percent)
         )
+        freed = []
+        if camera.tolerance_percent == 0:
+            primary = replace(setup, match_group=s.match_group)
+            freed = primary.searchers(database, camera.definite(), DOUBT)
         #: Those that may solve a frame: of each parity that is asked for.
         self.searchers = searchers[: 2 if both_parities else 1]
         self._first = searchers[0]
         self._escalation = Escalation(
-            self.searchers, searchers[len(self.searchers):], setup.limits, fallback=candidates,
-            primary=self._primary,
+            self.searchers, searchers[len(self.searchers):], setup.limits, freed=freed,
+            fallback=candidates, primary=self._primary,
         )
         # Compiles the path and what a predicted solution needs: it would take a frame's time.
         self.solve(np.zeros((0, 2)))

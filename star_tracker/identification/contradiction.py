@@ -6,8 +6,8 @@ squared residuals tells: with the focal length free it falls by a factor that pu
 reach (a likelihood ratio of e^10, which is 4.5 standard deviations where stars are many).
 
 Where part of the stars are matched wrongly it does not tell: they fit by chance, and with another
-focal length no better. So a pose whose stars lie far from their places is judged again with the
-focal length free, and has to have more evidence than that; and ten times what is enough. And where
+focal length no better. So a pose whose stars lie far from their places has to have ten times the
+evidence that is enough, and as much as what a search finds with the focal length free. And where
 a focal length was fitted, the stars are matched anew with it: those that were matched before may
 be a cluster in a corner, of which a wrong one draws the pose away from all others.
 """
@@ -19,9 +19,9 @@ import numpy as np
 from star_tracker.attitude.joint_fit import refine_scaled
 from star_tracker.attitude.pose import copy_pose
 from star_tracker.compiled import compiled
-from star_tracker.identification.judge import GATE_TOLERANCES
+from star_tracker.identification.ended import Ended
 from star_tracker.identification.labels import measure
-from star_tracker.identification.search import LOOK_FARTHER_PX, doubtful, judged
+from star_tracker.identification.search import doubtful, judged
 from star_tracker.optics.frame import see_at_scale
 
 #: The logarithm of the likelihood ratio that contradicts, and least deviation of the focal length
@@ -83,40 +83,20 @@ def judge_scaled(engine: Any) -> bool:
 
 
 @compiled
-def disagree(engine: Any, rms_px: float) -> bool:
-    """Return whether the stars lie too far from their places for the camera to be as told.
+def agreement(engine: Any, rms_px: float) -> int:
+    """Return whether the stars lie near enough to their places for the camera to be as told.
 
-    `rms_px` is their root mean square residual. The matches are used.
+    SOLVED, FAR or CONTRADICTED; `rms_px` is their root mean square residual.
     """
-    known, progress, limits = engine.sky.evidence, engine.progress[0], engine.limits
+    known, score = engine.sky.evidence, engine.progress[0].score
     expected_px = np.sqrt(known.scale_px2 / known.freedom)
     if rms_px > _FARTHEST_PX + _FAR_SIGMA * expected_px:
-        return True
+        return Ended.CONTRADICTED
     if rms_px <= max(_FAR_PX, _FAR_SIGMA * expected_px):
-        return False
-    if engine.best.free:  # far although the focal length was fitted
-        return engine.sky.scale_prior.sigma == 0.0
-    if not doubtful(progress.score, engine.frame.n):
-        return False
-    return progress.score < limits.enough + _FAR_LEAD or _fits_better_scaled(engine)
-
-
-@compiled
-def _fits_better_scaled(engine: Any) -> bool:
-    """Return whether the best pose has clearly more evidence with another focal length.
-
-    It is begun from a longer and from a shorter one, each so far off that the stars at the border
-    still fall into the gate. More evidence has to be as much as a pose needs against chance. Room
-    and matches are used; the frame is seen at the best pose's scale again.
-    """
-    sky, frame, pose, best = engine.doubt, engine.frame, engine.room.pose, engine.best
-    copy_pose(best, pose)
-    told = max(engine.progress[0].score, judged(engine, engine.sky, pose, LOOK_FARTHER_PX))
-    reach = GATE_TOLERANCES * LOOK_FARTHER_PX / (sky.focal_px * np.tan(sky.radius_rad))
-    found = -np.inf
-    for start in (1.0 / (1.0 + reach), 1.0 + reach):
-        copy_pose(best, pose)
-        pose.scale, pose.free = best.scale * start, True
-        found = max(found, judged(engine, sky, pose, LOOK_FARTHER_PX))
-    see_at_scale(frame, sky.focal_px, best.scale)
-    return found > told + engine.limits.enough
+        return Ended.SOLVED
+    if engine.best.free:
+        fitted_after_all = engine.sky.scale_prior.sigma == 0.0
+        return Ended.CONTRADICTED if fitted_after_all else Ended.SOLVED
+    if not doubtful(score, engine.frame.n):
+        return Ended.SOLVED
+    return Ended.FAR if score >= engine.limits.enough + _FAR_LEAD else Ended.CONTRADICTED

@@ -14,10 +14,12 @@ class Ended(IntEnum):
         TOO_FEW: fewer than `MIN_STARS` usable centroids.
         NO_ROTATION: the predicted pose is no rotation.
         AMBIGUOUS: the best pose is good enough, and so is another.
+        FAR: the frame is labelled, but its stars lie far from their places, and carry so little
+            that another focal length than the told one may fit far better.
         CONTRADICTED: the best pose is good enough, and yet the camera is another one: most of the
-            stars that make it so are gone once it is fitted to them, or it fits far better with
-            another focal length, or they contradict the told one and are far off with any, or are
-            far off and carry little, or are dozens of pixels off.
+            stars that make it so are gone once it is fitted to them, or they contradict the told
+            focal length and are far off with any, or are far off and carry too little, or are
+            dozens of pixels off.
     """
 
     MORE = 0
@@ -27,7 +29,8 @@ class Ended(IntEnum):
     TOO_FEW = 4
     NO_ROTATION = 5
     AMBIGUOUS = 6
-    CONTRADICTED = 7
+    FAR = 7
+    CONTRADICTED = 8
 
 
 #: Fewer stars than this fit some guide stars by chance too often to be told apart from truth.

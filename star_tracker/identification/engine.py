@@ -12,7 +12,7 @@ from star_tracker.compiled import compiled, struct
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.cells import empty_room
 from star_tracker.identification.crowd import no_crowd
-from star_tracker.identification.evidence import ScalePrior, scale_prior
+from star_tracker.identification.evidence import DOUBT, ScalePrior
 from star_tracker.identification.judge import Sky, View, empty_matches
 from star_tracker.identification.progress import PROGRESS
 from star_tracker.identification.search import Limits
@@ -28,7 +28,7 @@ PairsType, Pairs = struct("Pairs", __name__, PairTable._fields)
 ScratchType, Scratch = struct("Scratch", __name__, ("votes", "room", "matches", "fan"))
 
 #: - sky, pairs, triangles: the guide stars and the camera that looks at them;
-#: - doubt: the same sky, and a camera whose focal length may be wrong by `_DOUBT`;
+#: - doubt: the same sky, and a camera whose focal length may be wrong by `DOUBT`;
 #: - levels: the levels of the search (`plan.LEVEL`);
 #: - limits: when it ends (`search.Limits`);
 #: - votes, room, matches, fan: scratch memory;
@@ -55,8 +55,6 @@ OUTCOME = np.dtype([
     ("wrong_probability", np.float64), ("score", np.float64),
 ])
 _N_OUTCOME = OUTCOME.itemsize // 8
-#: By so much a focal length may be wrong that was told as exact.
-_DOUBT = scale_prior(10.0)
 
 
 class Sizes(NamedTuple):
@@ -137,7 +135,7 @@ def make_engine(
     )
     levels, limits = search
     return Engine(
-        _sky(view, view.scale_prior), _sky(view, _DOUBT), pairs, triangles, levels, limits,
+        _sky(view, view.scale_prior), _sky(view, DOUBT), pairs, triangles, levels, limits,
         scratch.votes, scratch.room, scratch.matches, scratch.fan,
         empty_frame(results.vectors), no_crowd(),
         results.progress, results.proposed, Pose(results.rotation, 1.0, False),

@@ -1,4 +1,4 @@
-"""After the first stretch of a search: the other parity, patience, the fallback, doubt."""
+"""After the first stretch of a search: the other parity, another focal length, patience, doubt."""
 
 import math
 import time
@@ -11,7 +11,6 @@ import numpy as np
 from star_tracker.identification.ended import MIN_STARS_OF_A_SCALE, Ended
 from star_tracker.identification.fallback import StarField, Steps
 from star_tracker.identification.labels import StarState
-from star_tracker.identification.progress import POSE_LEAD
 from star_tracker.identification.search import SAME_POSE_RAD, Limits
 from star_tracker.identification.searcher import Searcher, Task
 
@@ -24,7 +23,7 @@ _PRIMARY_SHARE = 0.5
 #: Ends of a searcher whose best pose has been labelled with success or without, and those of one
 #: that was labelled as far as it goes without its rivals.
 _LABELLED = Ended.SOLVED, Ended.CONTRADICTED
-_SETTLED = Ended.CERTAIN, Ended.CONTRADICTED
+_SETTLED = Ended.CERTAIN, Ended.FAR, Ended.CONTRADICTED
 
 Candidates = Callable[[StarField], Steps]
 
@@ -53,6 +52,9 @@ class Escalation:
         asked: the searchers that may solve it, that which has begun first.
         mirrors: for each of them one that looks at the mirror image of the sky to raise doubt;
             empty where both parities are asked for.
+        freed: for each of them one whose focal length may be off, which has a short turn: it
+            solves frames that contradict the told one, and raises doubt where the stars lie far
+            from their places. Empty where the focal length is not told as exact.
         limits: when a search ends.
         fallback: candidates of the second matcher for a field, or None.
         primary: whether the primary matcher searches; else the fallback does alone.
@@ -60,30 +62,30 @@ class Escalation:
 
     def __init__(
         self, asked: Sequence[Searcher], mirrors: Sequence[Searcher], limits: Limits, *,
-        fallback: Candidates | None = None, primary: bool = True,
+        freed: Sequence[Searcher] = (), fallback: Candidates | None = None, primary: bool = True,
     ) -> None:
-        self._asked, self._mirrors, self._limits = asked, mirrors, limits
+        self._asked, self._mirrors, self._freed, self._limits = asked, mirrors, freed, limits
         self._fallback, self._primary = fallback, primary
-        self._n_begun = 1  # searchers that have had a turn with the frame
+        self._n_begun, self._n_freed = 1, 0  # searchers that have had a turn with the frame
 
     def run(self, task: Task) -> Verdict:
         """Solve a frame, or say why not."""
-        self._n_begun = 1
+        self._n_begun, self._n_freed = 1, 0
         n_hypotheses = self._search_on(task)
-        begun = self._asked[: self._n_begun]
-        n_hypotheses += sum(one.n_hypotheses for one in begun)
-        for one in begun:
-            if one.ended == Ended.SOLVED:
+        begun, freed = self._asked[: self._n_begun], self._freed[: self._n_freed]
+        n_hypotheses += sum(one.n_hypotheses for one in (*begun, *freed))
+        for one in (*begun, *freed):
+            if one.ended == Ended.SOLVED and (one in begun or one.contradicts_the_told_scale):
                 return Verdict(Ended.SOLVED, one, n_hypotheses)
         best = max(begun, key=lambda one: one.score)
         found = f"the best of {n_hypotheses} hypotheses has log10 false alarms {-best.score:.1f}"
         in_time = len(begun) == len(self._asked) and all(
             one.ended != Ended.MORE for one in begun
-        )
+        ) and (len(freed) == len(self._freed) or not self._primary)
         ended, reason = self._weighed(best, task, in_time=in_time)
         if ended == Ended.SOLVED:
             ended, reason = self._labelled(best, task)
-        elif ended == Ended.EXHAUSTED:
+        if ended == Ended.EXHAUSTED:
             reason = reason or found
         elif ended == Ended.MORE:
             reason = f"deadline {task.deadline_ms:g} ms passed, {found}"
@@ -98,7 +100,7 @@ class Escalation:
         # is certain and yet not solved fits in a mirror as well, or was labelled already.
         if best.ended not in _SETTLED and self._is_certain(best, in_time=in_time):
             best.label(task)
-        if best.ended in _LABELLED:
+        if best.ended in (*_LABELLED, Ended.FAR):
             return Ended.SOLVED, ""
         if not in_time:
             return Ended.MORE, ""
@@ -110,6 +112,8 @@ class Escalation:
         """Label a frame with the pose that has beaten all others, if its stars stay with it."""
         if best.ended not in _LABELLED:
             best.label(task)
+        if best.ended == Ended.FAR:
+            return self._doubt_focal_length(best, task)
         if best.ended == Ended.CONTRADICTED:
             return Ended.EXHAUSTED, _disagreement(best)
         if not best.scale_is_told and _n_identified(task) < MIN_STARS_OF_A_SCALE:
@@ -122,7 +126,7 @@ class Escalation:
     def _is_certain(self, one: Searcher, *, in_time: bool) -> bool:
         """Return whether a pose may be labelled that the search has not labelled itself."""
         return (
-            one.score > max(self._limits.certain, one.rival_score + POSE_LEAD)
+            one.score > max(self._limits.certain, one.rival_score + self._limits.enough)
             and (in_time or one.explains_its_view)
         )
 
@@ -138,6 +142,8 @@ class Escalation:
             other.follow(task, task.deadline_s)
             if other.ended == Ended.SOLVED:
                 return 0
+        if self._primary and self._try_other_focal_lengths(task):
+            return 0
         if self._fallback is None:
             self._exhaust(self._asked, task, task.deadline_s)
             return 0
@@ -151,6 +157,21 @@ class Escalation:
         if not solved and time.perf_counter() < task.deadline_s:
             self._exhaust(self._asked, task, task.deadline_s)
         return n_fallback
+
+    def _try_other_focal_lengths(self, task: Task) -> bool:
+        """Search shortly with the focal length free; return whether that ends the whole search.
+
+        It does where a pose contradicts the told one, or where the time is up. Where the camera is
+        another one most frames have such a pose at once.
+        """
+        for other in self._freed:
+            if time.perf_counter() > task.deadline_s:
+                return True
+            self._n_freed += 1
+            other.follow(task, task.deadline_s)
+            if other.ended == Ended.SOLVED and other.contradicts_the_told_scale:
+                return True
+        return False
 
     def _exhaust(self, searchers: Sequence[Searcher], task: Task, deadline_s: float) -> None:
         """Go on in turn until a search has solved the frame, all have ended or time is up.
@@ -192,11 +213,28 @@ class Escalation:
             one.score if _elsewhere(one, best) else one.rival_score
             for one in self._asked if one.camera.parity == best.camera.parity
         )
-        if rival_score > best.score - POSE_LEAD:
+        if rival_score > best.score - self._limits.enough:
             return Ended.AMBIGUOUS, (
                 "two attitudes fit about as well: a frame with more stars tells them apart"
             )
         return Ended.SOLVED, ""
+
+    def _doubt_focal_length(self, best: Searcher, task: Task) -> tuple[Ended, str]:
+        """Hold a pose whose stars lie far from their places against those of other focal lengths.
+
+        It is labelled, and stays so where it has no such rival.
+        """
+        if not self._primary:  # they have not had their turn
+            self._try_other_focal_lengths(task)
+            best.label(task)
+        if self._n_freed < len(self._freed):
+            return Ended.MORE, ""
+        rival = max(self._freed, key=lambda one: one.score)
+        if rival.score <= best.score + self._limits.enough:
+            return Ended.SOLVED, ""
+        if rival.ended not in _LABELLED:
+            rival.label(task)
+        return Ended.EXHAUSTED, _disagreement(rival)
 
     def _fall_back(self, candidates: Candidates, task: Task) -> int:
         """Judge the candidates of the fallback; return how many hypotheses were compared."""

@@ -92,6 +92,10 @@ def scale_prior(tolerance_percent: float) -> ScalePrior:
     return ScalePrior(-reach, reach, 2 * reach, True, math.log1p(tolerance_percent / 100))
 
 
+#: By so much the focal length of a camera may be wrong that was told as exact.
+DOUBT = scale_prior(10.0)
+
+
 class Evidence(NamedTuple):
     """What does not change from frame to frame.
 

@@ -6,9 +6,6 @@ import numpy as np
 
 from star_tracker.compiled import clock_s, compiled
 
-#: Decades of evidence that the best pose has to have more than any other one.
-POSE_LEAD = 1.0
-
 #: How far a search has come, and the best that it has found.
 #: `n_hypotheses` pairs were compared with pairs, `n_since_best` candidates judged since the best
 #: pose was found, which `n_matched` matches carry, of `n_in_view` guide stars; `score` and

@@ -54,7 +54,7 @@ class Limits(NamedTuple):
 
     Attributes:
         certain: log10 evidence that is certain.
-        enough: log10 evidence that is enough.
+        enough: log10 evidence that is enough, against chance and against any other pose.
         second_look: how many more candidates have to be worse than one that is enough.
         work: in votes, after which a search makes way; its deadline may come sooner.
         displaced_gate_px: farthest a displaced star may lie from its place; 0 labels none.

@@ -26,6 +26,8 @@ METHODS = ("match_group", "radial_cyclic")
 #: numba takes long over members of an enum.
 _ENDED = tuple(Ended)
 _FOLLOW, _BEGIN, _GO_ON, _TRACK, _JUDGE_MATCH, _LABEL_BEST = (verb.value for verb in Verb)
+#: A focal length is another one beyond this, relative, and so many standard deviations.
+_SCALE_LEAST, _SCALE_SIGMA = 1e-3, 4.0
 
 
 class Sample(NamedTuple):
@@ -168,7 +170,7 @@ class Searcher:
         return found == Ended.CERTAIN
 
     def label(self, task: Task) -> None:
-        """Label the frame with the best pose: SOLVED, CERTAIN or CONTRADICTED (`verbs.label`)."""
+        """Label the frame with the best pose; see `verbs.label` for how that ends."""
         self.ended = self._done(_LABEL_BEST, task)
 
     def _done(self, verb: int, task: Task) -> Ended:
@@ -196,6 +198,13 @@ class Searcher:
     def scale(self) -> float:
         """The focal length of the labelled pose as a multiple of the told one."""
         return float(self.results.outcome["scale"][0])
+
+    @property
+    def contradicts_the_told_scale(self) -> bool:
+        """Whether the labelled pose's focal length is clearly another one than the told one."""
+        off = abs(math.log(self.scale))
+        error = math.sqrt(self.results.outcome["scale_variance"][0])
+        return off > _SCALE_LEAST + _SCALE_SIGMA * error
 
     @property
     def score(self) -> float:

@@ -25,12 +25,12 @@ from star_tracker.geometry.rotation import (
     write_quaternion,
 )
 from star_tracker.geometry.spherical import Floats
-from star_tracker.identification.contradiction import disagree, fit_focal_length, judge_scaled
+from star_tracker.identification.contradiction import agreement, fit_focal_length, judge_scaled
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
 from star_tracker.identification.judge import GATE_TOLERANCES
 from star_tracker.identification.labels import StarState, label_frame
-from star_tracker.identification.progress import POSE_LEAD, forget, wrong_probability
+from star_tracker.identification.progress import forget, wrong_probability
 from star_tracker.identification.search import certain, judge_and_keep, search
 from star_tracker.identification.symmetry import fits_in_mirror
 from star_tracker.optics.frame import fill_frame, see_at_scale
@@ -141,10 +141,11 @@ def judge_pose(engine: Any) -> int:
 def label(engine: Any, labels: NDArray[np.void]) -> int:
     """Write a row of `labels` for each centroid, and the attitude of the best pose.
 
-    Returns SOLVED, CERTAIN where the stars' mirror image fits as well and may be the true one, or
-    CONTRADICTED.
+    Returns SOLVED, CERTAIN where the stars' mirror image fits as well and may be the true one, FAR
+    or CONTRADICTED.
     """
     rotation, outcome, frame = engine.best.rotation, engine.outcome[0], engine.frame
+    blank(labels)  # engines share them: another one may have labelled the frame since
     k, sum2 = label_frame(engine, engine.sky, labels)
     least = _LEAST_LEFT * engine.progress[0].n_matched
     if k >= least and not engine.best.free and fit_focal_length(engine, k, sum2):
@@ -169,11 +170,10 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     progress = engine.progress[0]
     outcome.wrong_probability, outcome.score = wrong_probability(progress), progress.score
     outcome.n_hypotheses = progress.n_hypotheses
-    needs_parity = _tells_no_parity(engine, k, outcome.rms_px)
-    # The last step, as it takes the matches.
-    if disagree(engine, outcome.rms_px):
-        return Ended.CONTRADICTED
-    return Ended.CERTAIN if needs_parity else Ended.SOLVED
+    agreed = agreement(engine, outcome.rms_px)
+    if agreed != Ended.CONTRADICTED and _tells_no_parity(engine, k, outcome.rms_px):
+        return Ended.CERTAIN
+    return agreed
 
 
 @compiled
@@ -219,7 +219,8 @@ def _labelled(engine: Any, labels: NDArray[np.void], ended: int) -> int:
     progress = engine.progress[0]
     if ended not in (Ended.EXHAUSTED, Ended.CERTAIN):
         return ended
-    if progress.score <= max(engine.limits.certain, progress.rival_score + POSE_LEAD):
+    limits = engine.limits
+    if progress.score <= max(limits.certain, progress.rival_score + limits.enough):
         return ended
     if progress.n_since_best > 0:  # the pose judged last is not the best one
         engine.matches.n_settled = 0

@@ -79,35 +79,28 @@ def test_one_that_is_far_off_is_found_all_the_same(database, n, percent, how):
         assert solution.camera.fov_deg == pytest.approx(20.0, rel=2e-3)
 
 
-@pytest.mark.parametrize(("seed", "percent"), [
-    (50025379, 7.6), (60011707, -6.9), (50029251, -8.4),
+@pytest.mark.parametrize(("camera", "seed", "percent"), [
+    # Wrong by 0.24 to 0.48 deg: two in three matched, 7 to 9 px off, with 6 to 7 decades.
+    ("12 deg", 50025379, 7.6), ("12 deg", 60011707, -6.9), ("12 deg", 50029251, -8.4),
+    # 10 of 12 and 8 of 16 stars, 6.7 and 3.3 px off, with 3.7 and 3.2 decades.
+    ("12 deg", 80009707, -8.9), ("12 deg", 80016527, -6.8),
+    # 71 of 87 stars, 26 px off, with 9 decades.
+    ("20 deg", 603583, 8.0),
+    # 12 of 16 stars, 7.8 px off, with 7 decades, and 12 of 42 with a rival 1.2 decades below.
+    ("12 deg", 621442, -9.3), ("12 deg", 622604, -8.8),
 ])
-def test_a_part_of_the_stars_does_not_draw_the_pose_away_from_a_far_better_one(
-    database, seed, percent
-):
-    """Two in three matched, 7 to 9 px off, with 6 to 7 decades: 0.24 to 0.48 deg wrong, as SOLVED.
+@pytest.mark.parametrize("settings", [PATIENT, SolveSettings(centroid_sigma_px=1.0)], ids=str)
+def test_chance_poses_do_not_come_before_the_true_one(database, camera, seed, percent, settings):
+    """All that were wrong, as SOLVED, of some 250,000 scenes of benchmark/wrong_solutions.py.
 
-    With the focal length free the same stars have 38 to 62 decades. Of 70,000 scenes of
-    benchmark/wrong_solutions.py these were the ones that were left.
+    With the focal length free each has 38 decades and more, at once.
     """
-    off_percent, solution = of_wrong_scale(database, seed, CAMERAS["12 deg"])
+    off_percent, solution = of_wrong_scale(database, seed, CAMERAS[camera], settings)
     assert off_percent == pytest.approx(percent, abs=0.05)
-    assert solution.status is Status.NO_MATCH
-    assert "field of view" in solution.reason
-
-
-@pytest.mark.parametrize(("seed", "percent"), [(80009707, -8.9), (80016527, -6.8)])
-def test_stars_that_lie_far_off_need_ten_times_the_evidence(database, seed, percent):
-    """Ten of twelve and eight of sixteen stars, 6.7 and 3.3 px off, with 3.7 and 3.2 decades.
-
-    Of 50,000 scenes these two were wrong, one by 125 deg: where the true pose is not to be found
-    a chance one that is enough is one of thousands.
-    """
-    off_percent, solution = of_wrong_scale(database, seed, CAMERAS["12 deg"])
-    assert off_percent == pytest.approx(percent, abs=0.05)
-    assert solution.status is Status.NO_MATCH
-    assert -4 < solution.log10_false_alarms < -3
-    assert "field of view" in solution.reason
+    assert solution.status is Status.SOLVED
+    assert solution.log10_false_alarms < -30
+    assert solution.scale == pytest.approx(1 + off_percent / 100, rel=3e-3)
+    assert solution.told_camera == CAMERAS[camera]
 
 
 def test_a_cluster_in_a_corner_brings_in_the_rest_of_the_stars(database):
@@ -120,10 +113,3 @@ def test_a_cluster_in_a_corner_brings_in_the_rest_of_the_stars(database):
     assert len(solution.identification.identified) == 24
     assert solution.scale == pytest.approx(1 + off_percent / 100, rel=3e-3)
     assert solution.rms_px < 0.7
-
-
-@pytest.mark.parametrize("settings", [PATIENT, SolveSettings(centroid_sigma_px=1.0)], ids=str)
-def test_stars_dozens_of_pixels_off_are_none(database, settings):
-    """71 of 87 stars, 26 px off (root mean square), with 9 decades: 0.3 deg wrong, as SOLVED."""
-    _, solution = of_wrong_scale(database, 603583, CAMERAS["20 deg"], settings)
-    assert solution.status is not Status.SOLVED

@@ -47,8 +47,11 @@ class Scripted:
 
     def __init__(self, bench, name, steps, *, parity="normal", rival=-math.inf, rotation=HERE):
         self._bench, self._name, self._steps = bench, name, [*steps]
-        self.camera = SimpleNamespace(parity=parity, tolerance_percent=0.0)
-        self.scale_is_told, self.scale = True, 1.0
+        self.camera = SimpleNamespace(
+            parity=parity, tolerance_percent=0.0, fov_deg=12.0,
+            scaled=lambda scale: SimpleNamespace(fov_deg=12.0 / scale),
+        )
+        self.scale_is_told, self.scale, self.contradicts_the_told_scale = True, 1.0, False
         self.rival_score, self.rotation, self.n_hypotheses = rival, rotation, 100
         self.labelled_as, self.explains_its_view = Ended.SOLVED, True
         self.certain = 0.0  # from which evidence a candidate of the fallback is certain
@@ -253,8 +256,8 @@ def test_a_pose_whose_mirror_image_fits_better_is_ambiguous(bench, mirror_score)
     assert "one labels" not in bench.done
 
 
-@pytest.mark.parametrize(("rival", "ended"), [(3.9, Ended.SOLVED), (4.1, Ended.AMBIGUOUS)])
-def test_another_pose_that_is_a_decade_weaker_is_no_rival(bench, rival, ended):
+@pytest.mark.parametrize(("rival", "ended"), [(1.9, Ended.SOLVED), (2.1, Ended.AMBIGUOUS)])
+def test_another_pose_that_is_weaker_by_what_is_enough_is_no_rival(bench, rival, ended):
     verdict = doubted(bench, 5.0, -math.inf, rival=rival)
     assert verdict.ended == ended
     assert verdict.reason == ("" if ended == Ended.SOLVED else (
@@ -277,7 +280,7 @@ def test_a_pose_that_is_certain_is_not_doubted(bench):
     assert bench.done == ["one labels"]
 
 
-@pytest.mark.parametrize(("rival", "ended"), [(7.0, Ended.SOLVED), (7.2, Ended.AMBIGUOUS)])
+@pytest.mark.parametrize(("rival", "ended"), [(5.0, Ended.SOLVED), (5.2, Ended.AMBIGUOUS)])
 def test_a_pose_that_is_certain_has_to_lead_too(bench, rival, ended):
     """Of a frame that agrees with no pose as a whole two parts may each carry one."""
     verdict = doubted(bench, 8.1, -math.inf, rival=rival)
@@ -319,6 +322,75 @@ def test_a_pose_that_the_search_itself_found_contradicted_is_not_labelled_again(
         "the stars disagree with the camera: correct its lens, or calibrate it"
     )
     assert bench.done == []
+
+
+def freed(bench, ended, score, *, scale=1.0):
+    """The searcher of the same camera with another focal length."""
+    other = bench.searcher("freed", (ended, score))
+    other.scale, other.contradicts_the_told_scale = scale, scale != 1.0
+    return other
+
+
+def test_a_pose_of_another_focal_length_ends_the_search(bench):
+    one = bench.searcher("one", MORE).begun()
+    other = freed(bench, Ended.SOLVED, 20.0, scale=0.95)
+    verdict = run(bench, [one], freed=[other], fallback=lambda field: [])
+    assert (verdict.ended, verdict.best) == (Ended.SOLVED, other)
+    assert verdict.n_hypotheses == 200
+    assert bench.done == ["freed follows"]
+
+
+@pytest.mark.parametrize("ended", [Ended.SOLVED, Ended.MORE, Ended.EXHAUSTED, Ended.CONTRADICTED])
+def test_one_that_agrees_with_the_told_focal_length_leaves_the_frame_to_the_search(bench, ended):
+    one = bench.searcher("one", MORE, SOLVED).begun()
+    verdict = run(bench, [one], freed=[freed(bench, ended, 20.0)])
+    assert (verdict.ended, verdict.best) == (Ended.SOLVED, one)
+    assert bench.done == ["freed follows", "one goes on"]
+
+
+def test_other_focal_lengths_have_no_turn_once_the_time_is_up(bench):
+    one = bench.searcher("one", EXHAUSTED).begun()
+    bench.step("a look at the clock")
+    assert run(bench, [one], freed=[freed(bench, *SOLVED)], deadline_ms=0.5).ended == Ended.MORE
+    assert bench.done == ["a look at the clock"]
+
+
+@pytest.mark.parametrize("primary", [True, False])
+@pytest.mark.parametrize(("rival", "ended"), [(12.9, Ended.SOLVED), (13.1, Ended.EXHAUSTED)])
+def test_stars_far_from_their_places_give_way_to_another_focal_length(
+    bench, rival, ended, primary
+):
+    one = bench.searcher("one", (Ended.FAR, 10.0)).begun()
+    one.labelled_as = Ended.FAR
+    other = freed(bench, Ended.MORE, rival, scale=0.9)
+    verdict = run(
+        bench, [one], freed=[other], primary=primary, fallback=None if primary else lambda _: []
+    )
+    assert (verdict.ended, verdict.best) == (ended, one)
+    # The frame bears the labels of the told camera, not of its rival.
+    assert ended == Ended.EXHAUSTED or bench.done[-1] == "one labels"
+    assert verdict.reason == ("" if ended == Ended.SOLVED else (
+        "the stars contradict the field of view of 12 deg, about 13.3 deg fits better: correct "
+        "fov_deg, or give it a tolerance (fov_tolerance_percent)"
+    ))
+
+
+def test_the_fallback_alone_is_not_helped_by_the_primary(bench):
+    one = bench.searcher("one", EXHAUSTED).begun()
+    other = freed(bench, Ended.SOLVED, 20.0, scale=0.95)
+    verdict = run(bench, [one], freed=[other], primary=False, fallback=lambda field: [])
+    assert verdict.ended == Ended.EXHAUSTED
+    assert "freed follows" not in bench.done
+
+
+def test_stars_far_from_their_places_need_a_second_look(bench):
+    one = bench.searcher("one", (Ended.FAR, 10.0)).begun()
+    bench.step("a look at the clock")
+    verdict = run(bench, [one], freed=[freed(bench, *MORE)], deadline_ms=0.5)
+    assert verdict.ended == Ended.MORE
+    assert verdict.reason == (
+        "deadline 0.5 ms passed, the best of 100 hypotheses has log10 false alarms -10.0"
+    )
 
 
 def test_the_time_that_is_left_is_used_where_a_part_of_the_image_is_all_that_is_explained(bench):

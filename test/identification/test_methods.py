@@ -121,7 +121,7 @@ def test_what_both_have_compared_is_counted_and_not_charged(database, hard_frame
         tracker_of(database, method).solve(hard_frame.xy_px)
         for method in ("match_group", "radial_cyclic", "auto")
     )
-    assert both.n_hypotheses == primary.n_hypotheses + fallback.n_hypotheses
+    assert both.n_hypotheses >= primary.n_hypotheses + fallback.n_hypotheses
     assert both.log10_false_alarms == fallback.log10_false_alarms
     assert both.wrong_probability >= fallback.wrong_probability
 
