@@ -385,6 +385,7 @@ def test_the_fallback_alone_is_not_helped_by_the_primary(bench):
 
 def test_stars_far_from_their_places_need_a_second_look(bench):
     one = bench.searcher("one", (Ended.FAR, 10.0)).begun()
+    one.labelled_as = Ended.FAR
     bench.step("a look at the clock")
     verdict = run(bench, [one], freed=[freed(bench, *MORE)], deadline_ms=0.5)
     assert verdict.ended == Ended.MORE
