@@ -109,23 +109,20 @@ def candidates(
         mains.append(_Main.of(field, star, radius_rad))
     for factor in settings.ring_factors if mains else ():
         level = database.patterns.level(factor)
-        rows: list[Floats] = []
-        for main in mains:
+        ring_rad, similar = level.settings.ring_rad, list[tuple[float, int, int]]()
+        for row, main in enumerate(mains):
             yield n_compared, None
             pattern = star_pattern(
                 field.vectors[main.star], field.vectors[main.neighbour], level.settings,
                 pole=CAMERA_POLE, compensated=compensated,
             )
             yield n_compared, None
-            rows.append((similarity or _likelihood)(level, [pattern]))
+            values = (similarity or _likelihood)(level, [pattern])[0]
+            yield n_compared, None
+            similar += [(-values[star], row, star) for star in _highest(values, settings.matches)]
+            n_compared += _n_compared(database, main, ring_rad)
         yield n_compared, None
-        similarities = np.concatenate(rows)
-        ring_rad = level.settings.ring_rad
-        n_compared += sum(_n_compared(database, main, ring_rad) for main in mains)
-        yield n_compared, None
-        similar = _most_similar(similarities, settings.matches)
-        yield n_compared, None
-        for row, star in similar:
+        for _, row, star in sorted(similar):
             members = _align(database, mains[row], star, level.settings)
             tolerance_px = ring_rad * field.focal_px
             yield n_compared, members and Candidate(*members, tolerance_px)
@@ -172,14 +169,10 @@ def _likelihood(level: PatternLevel, observed: list[Pattern]) -> Floats:
     return total
 
 
-def _most_similar(similarity: Floats, count: int) -> list[tuple[int, int]]:
-    """Return (main's row, guide star) of each main's `count` most similar stars, best first."""
-    count = min(count, similarity.shape[1])
-    stars = np.argpartition(-similarity, count - 1, axis=1)[:, :count]
-    rows = np.repeat(np.arange(len(similarity)), count)
-    stars = stars.ravel()
-    order = np.argsort(-similarity[rows, stars], kind="stable")
-    return list(zip(rows[order].tolist(), stars[order].tolist(), strict=True))
+def _highest(values: Floats, count: int) -> list[int]:
+    """Return where the `count` highest of values (n,) stand, in no order."""
+    count = min(count, len(values))
+    return np.argpartition(-values, count - 1)[:count].tolist()
 
 
 def _align(
