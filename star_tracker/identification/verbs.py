@@ -172,7 +172,7 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     outcome.n_hypotheses = progress.n_hypotheses
     agreed = agreement(engine, outcome.rms_px)
     if agreed != Ended.CONTRADICTED and _tells_no_parity(engine, k, outcome.rms_px):
-        return Ended.CERTAIN
+        return Ended.CERTAIN if agreed == Ended.SOLVED else Ended.CONTRADICTED  # two doubts
     return agreed
 
 

@@ -15,6 +15,7 @@ from star_tracker.catalogue.depth import (
     pattern_settings_for,
     separation_for,
     solid_angle_sr,
+    stars_in_view,
 )
 from star_tracker.catalogue.ladder import STEP_FACTOR, ladder
 from star_tracker.catalogue.triangles import TriangleTable
@@ -40,6 +41,10 @@ def test_the_solid_angle_of_a_face_of_a_cube_is_a_sixth_of_the_sphere():
 def test_the_solid_angle_of_a_small_field_is_its_area():
     camera = Camera.from_fov(2, 2000, 500)
     assert solid_angle_sr(camera) == pytest.approx(np.radians(2) * np.radians(0.5), rel=1e-3)
+
+
+def test_a_face_of_a_cube_shows_a_sixth_of_the_stars():
+    assert stars_in_view(600, Camera.from_fov(90, 700, 700)) == pytest.approx(100)
 
 
 @pytest.mark.parametrize("fov_deg", [8, 12, 20, 30, 45, 70])

@@ -315,7 +315,7 @@ def test_half_a_frame_still_brings_the_true_star_first_as_a_candidate(paper):
 
 
 def test_n_compared_counts_the_pairs_and_grows(figure):
-    """A hypothesis is a directed guide-star pair whose separation is in an observed pair's ring."""
+    """A hypothesis is a directed guide-star pair of a separation in an observed pair's ring."""
     field, _ = view(figure, rotation_to(57.5, 24.8, 20.0))
     catalog = figure.catalog.vectors
     guide = separation(catalog[:, None], catalog[None])
@@ -336,7 +336,8 @@ def test_n_compared_counts_the_pairs_and_grows(figure):
     for n, candidate in steps:
         if candidate is not None:
             # All main stars of a width of ring are compared before the first candidate.
-            assert n == expected[5 * (1 + [1, 2, 4].index(round(candidate.tolerance_px / ring_px)))]
+            width = [1, 2, 4].index(round(candidate.tolerance_px / ring_px))
+            assert n == expected[5 * (1 + width)]
 
 
 def test_a_frame_of_a_thousand_points_yields_often(paper, monkeypatch):

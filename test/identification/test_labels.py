@@ -252,6 +252,24 @@ def test_a_pose_that_loses_most_of_the_stars_that_carried_it_is_none(n_matched, 
     assert bench.searcher.ended == ended
 
 
+@pytest.mark.parametrize(("noise_px", "sigma_px", "score", "ended"), [
+    (0.5, 0.0, 3.5, Ended.SOLVED), (4.0, 0.0, 17.0, Ended.SOLVED),
+    (4.0, 0.0, 4.1, Ended.FAR), (4.0, 0.0, 15.0, Ended.FAR),
+    (4.0, 0.0, 3.9, Ended.CONTRADICTED), (4.0, 3.0, 3.5, Ended.SOLVED),
+    (40.0, 0.0, 17.0, Ended.CONTRADICTED),
+])
+def test_stars_far_from_their_places_need_evidence(noise_px, sigma_px, score, ended):
+    """A pose of ten stars that lie off by so much has more than enough, or gives way to doubt."""
+    angle = 2.4 * np.arange(10)  # in no order, so that neither turn nor scale takes it away
+    off_px = noise_px * np.column_stack([np.cos(angle), np.sin(angle)])
+    bench = Bench(database_at(PLACES), sigma_px=sigma_px)
+    bench.show(PLACES + off_px)
+    bench.results.progress["score"] = score
+    bench.label(ROTATION, tolerance_px=30.0)
+    assert bench.results.outcome["rms_px"][0] == pytest.approx(noise_px, rel=0.3)
+    assert bench.searcher.ended == ended
+
+
 # After the judge
 
 
