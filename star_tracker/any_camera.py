@@ -104,17 +104,18 @@ class AnyCameraTracker:
 
     def _searched(self, task: Task) -> Solution:
         """Search all scales for the centroids of a task."""
-        first = self._rungs[0][1][0]
-        first.begin(task)
+        n = len(task.xy_px)
+        rungs = self._rungs
+        if len(rungs) > 1:
+            rungs = sorted(rungs, key=lambda rung: abs(math.log((n + 1) / (rung[0] + 1))))
+        first = rungs[0][1][0]
+        first.follow(task, task.deadline_s)
+        if first.ended == Ended.SOLVED:
+            return labelled(task, first)
         if first.ended == Ended.TOO_FEW:
             return refused(task, first)
-        n = first.n_usable
-        rungs = sorted(self._rungs, key=lambda rung: abs(math.log((n + 1) / (rung[0] + 1))))
         asked = self._asked(rungs)
         mirrors = [] if self._both else [searchers[1] for _, searchers in rungs]
-        asked[0].follow(task, task.deadline_s)
-        if asked[0].ended == Ended.SOLVED:
-            return labelled(task, asked[0])
         return judged(task, Escalation(asked, mirrors, self._limits).run(task))
 
 
