@@ -24,6 +24,7 @@ _PRIMARY_SHARE = 0.5
 #: that was labelled as far as it goes without its rivals.
 _LABELLED = Ended.SOLVED, Ended.CONTRADICTED
 _SETTLED = Ended.CERTAIN, Ended.FAR, Ended.CONTRADICTED
+_TWO_ATTITUDES = "two attitudes fit about as well: a frame with more stars tells them apart"
 
 Candidates = Callable[[StarField], Steps]
 
@@ -214,9 +215,7 @@ class Escalation:
             for one in self._asked if one.camera.parity == best.camera.parity
         )
         if rival_score > best.score - self._limits.enough:
-            return Ended.AMBIGUOUS, (
-                "two attitudes fit about as well: a frame with more stars tells them apart"
-            )
+            return Ended.AMBIGUOUS, _TWO_ATTITUDES
         return Ended.SOLVED, ""
 
     def _doubt_focal_length(self, best: Searcher, task: Task) -> tuple[Ended, str]:
@@ -226,15 +225,17 @@ class Escalation:
         """
         if not self._primary:  # they have not had their turn
             self._try_other_focal_lengths(task)
-            best.label(task)
         if self._n_freed < len(self._freed):
             return Ended.MORE, ""
         rival = max(self._freed, key=lambda one: one.score)
-        if rival.score <= best.score + self._limits.enough:
-            return Ended.SOLVED, ""
-        if rival.ended not in _LABELLED:
+        if rival.score > best.score + self._limits.enough:
             rival.label(task)
-        return Ended.EXHAUSTED, _disagreement(rival)
+            if rival.ended == Ended.SOLVED and rival.contradicts_the_told_scale:
+                return Ended.EXHAUSTED, _disagreement(rival)
+            if _elsewhere(rival, best):
+                return Ended.AMBIGUOUS, _TWO_ATTITUDES
+        best.label(task)  # the frame may bear another one's labels
+        return Ended.SOLVED, ""
 
     def _fall_back(self, candidates: Candidates, task: Task) -> int:
         """Judge the candidates of the fallback; return how many hypotheses were compared."""

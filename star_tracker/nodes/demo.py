@@ -96,6 +96,7 @@ def collect(folder: Path | None, rate_hz: float) -> list[Result]:
         collector = Collector(expected=8)
         executor = SingleThreadedExecutor()
         executor.add_node(collector)
+        stack.callback(executor.shutdown)
         stack.callback(collector.destroy_node)
         executor.spin_until_future_complete(collector.connected, timeout_sec=TIMEOUT_S)
         if not collector.connected.done():

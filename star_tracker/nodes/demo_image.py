@@ -70,6 +70,7 @@ def collect_image() -> tuple[Result, Floats]:
         stack.callback(rclpy.try_shutdown)
         collector, executor = ImageCollector(), SingleThreadedExecutor()
         executor.add_node(collector)
+        stack.callback(executor.shutdown)
         stack.callback(collector.destroy_node)
         executor.spin_until_future_complete(collector.connected, timeout_sec=TIMEOUT_S)
         stack.enter_context(process("sky_image_node", ["-p", f"rate_hz:={_SKY.rate_hz}"]))

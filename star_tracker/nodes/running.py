@@ -159,6 +159,8 @@ def _spin(
     finally:
         for node in nodes:
             node.destroy_node()
+        # One that is not shut down may be collected after its own parts, and prints that.
+        executor.shutdown()
         _shut_down()
     return 0
 

@@ -362,7 +362,7 @@ def test_stars_far_from_their_places_give_way_to_another_focal_length(
 ):
     one = bench.searcher("one", (Ended.FAR, 10.0)).begun()
     one.labelled_as = Ended.FAR
-    other = freed(bench, Ended.MORE, rival, scale=0.9)
+    other = freed(bench, Ended.MORE, rival, scale=0.9)  # labelled as SOLVED
     verdict = run(
         bench, [one], freed=[other], primary=primary, fallback=None if primary else lambda _: []
     )
@@ -373,6 +373,21 @@ def test_stars_far_from_their_places_give_way_to_another_focal_length(
         "the stars contradict the field of view of 12 deg, about 13.3 deg fits better: correct "
         "fov_deg, or give it a tolerance (fov_tolerance_percent)"
     ))
+
+
+@pytest.mark.parametrize(("rotation", "ended"), [
+    (HERE, Ended.SOLVED), (THERE, Ended.AMBIGUOUS),
+], ids=["the same", "another"])
+def test_a_stronger_pose_of_the_told_focal_length_is_no_other_camera(bench, rotation, ended):
+    """The fallback judges with narrow gates: of noisy frames another search finds more stars."""
+    one = bench.searcher("one", (Ended.FAR, 10.0)).begun()
+    one.labelled_as = Ended.FAR
+    other = freed(bench, Ended.MORE, 20.0)
+    other.rotation = rotation
+    verdict = run(bench, [one], freed=[other])
+    assert (verdict.ended, verdict.best) == (ended, one)
+    if ended == Ended.SOLVED:
+        assert bench.done[-2:] == ["freed labels", "one labels"]
 
 
 def test_the_fallback_alone_is_not_helped_by_the_primary(bench):
