@@ -22,6 +22,9 @@ from star_tracker.solution import Solution, SolveSettings
 
 #: Python 3.11 takes longer over `Ended.SOLVED` than over a call.
 _SOLVED = Ended.SOLVED
+#: Work, in votes, of the short search with the focal length free: 30 us. A true pose takes some
+#: hundred; of frames whose camera is as told one in ten waits for it.
+_SHORT_WORK = 2000.0
 
 
 class StarTracker:
@@ -68,7 +71,9 @@ class StarTracker:
         )
         freed = []
         if camera.tolerance_percent == 0:
-            primary = replace(setup, match_group=s.match_group)
+            primary = replace(
+                setup, match_group=s.match_group, limits=setup.limits._replace(work=_SHORT_WORK)
+            )
             freed = primary.searchers(database, camera.definite(), DOUBT)
         #: Those that may solve a frame: of each parity that is asked for.
         self.searchers = searchers[: 2 if both_parities else 1]
