@@ -22,8 +22,8 @@ from star_tracker.solution import Solution, SolveSettings
 
 #: Python 3.11 takes longer over `Ended.SOLVED` than over a call.
 _SOLVED = Ended.SOLVED
-#: Work, in votes, of the short search with the focal length free: 30 us. A true pose takes some
-#: hundred; of frames whose camera is as told one in ten waits for it.
+#: Work, in votes, of the short search with the focal length free. A true pose takes some hundred;
+#: a frame whose camera is as told and that the quick search has not solved waits for it.
 _SHORT_WORK = 2000.0
 
 
