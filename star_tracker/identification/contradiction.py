@@ -26,7 +26,7 @@ from star_tracker.optics.frame import see_at_scale
 
 #: The logarithm of the likelihood ratio that contradicts, and least deviation of the focal length
 #: that is one, relative: no calibration is better for long.
-_CONTRADICTS, _LEAST = 10.0, 1e-3
+_CONTRADICTS, LEAST_DEVIATION = 10.0, 1e-3
 #: Steps of the fit, once it is wanted.
 _STEPS = 4
 #: Stars that lie farther than this from their places, root mean square, and than so many standard
@@ -58,10 +58,11 @@ def fit_focal_length(engine: Any, k: int, sum2: float) -> bool:
         refine_scaled(frame.vectors, matches.near_vectors, matches, k, trial, 0.0)
         freed = measure(sky, frame, trial, k, matches)
         ratio = 0.5 * (2 * k - 3) * np.log(max(sum2, 1e-300) / max(freed, 1e-300))
-        if step == 0 and (ratio < 0.5 * _CONTRADICTS or abs(np.log(trial.scale)) < _LEAST):
+        off = abs(np.log(trial.scale))
+        if step == 0 and (ratio < 0.5 * _CONTRADICTS or off < LEAST_DEVIATION):
             return False  # nearly every frame
         see_at_scale(frame, sky.focal_px, trial.scale)
-    if ratio < _CONTRADICTS or abs(np.log(trial.scale)) < _LEAST:
+    if ratio < _CONTRADICTS or off < LEAST_DEVIATION:
         see_at_scale(frame, sky.focal_px, best.scale)
         return False
     copy_pose(trial, best)

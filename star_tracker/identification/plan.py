@@ -1,6 +1,6 @@
 """In which order the search looks: levels of tolerance, main stars and companions."""
 
-from typing import NamedTuple
+from typing import NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +44,7 @@ class Level(NamedTuple):
 
 
 #: The same, for compiled code.
-LEVEL = np.dtype([
-    ("by_shape", np.bool_), ("tolerance_px", np.float64), ("companions", np.int64),
-    ("mains", np.int64), ("batch", np.int64), ("votes", np.int64), ("cells", np.int64),
-    ("worth", np.float64), ("pause", np.bool_), ("least_n", np.int64), ("most_n", np.int64),
-])
+LEVEL = np.dtype(list(get_type_hints(Level).items()))
 #: Most cells of a main star in a full search by shape.
 MOST_SHAPE_CELLS = 64
 #: In frames of so many centroids, nearly all of them false, the nearest few companions of a star

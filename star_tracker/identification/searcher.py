@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.compiled import machine_code
 from star_tracker.geometry.spherical import Floats
+from star_tracker.identification.contradiction import LEAST_DEVIATION
 from star_tracker.identification.ended import Ended
 from star_tracker.identification.engine import Results
 from star_tracker.identification.fallback import Candidate, StarField
@@ -26,8 +27,8 @@ METHODS = ("match_group", "radial_cyclic")
 #: numba takes long over members of an enum.
 _ENDED = tuple(Ended)
 _FOLLOW, _BEGIN, _GO_ON, _TRACK, _JUDGE_MATCH, _LABEL_BEST = (verb.value for verb in Verb)
-#: A focal length is another one beyond this, relative, and so many standard deviations.
-_SCALE_LEAST, _SCALE_SIGMA = 1e-3, 4.0
+#: A focal length is another one beyond `LEAST_DEVIATION` and so many standard deviations.
+_SCALE_SIGMA = 4.0
 
 
 class Sample(NamedTuple):
@@ -204,7 +205,7 @@ class Searcher:
         """Whether the labelled pose's focal length is clearly another one than the told one."""
         off = abs(math.log(self.scale))
         error = math.sqrt(self.results.outcome["scale_variance"][0])
-        return off > _SCALE_LEAST + _SCALE_SIGMA * error
+        return off > LEAST_DEVIATION + _SCALE_SIGMA * error
 
     @property
     def score(self) -> float:
