@@ -1,14 +1,18 @@
-"""Which guide stars are near a direction: stars in bands of declination, by right ascension."""
+"""Which guide stars are near a direction: stars in cells of declination and right ascension."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from star_tracker.compiled import compiled, first_not_below
+from star_tracker.compiled import compiled, inlined, prefetch
 from star_tracker.geometry.spherical import Floats, ra_dec
 
 _BAND_RAD = float(np.radians(4.0))
+_N_BANDS = int(np.ceil(np.pi / _BAND_RAD))
+#: Cells of a band: of 2.8 deg on the equator, narrower elsewhere.
+_CELLS = 128
+_CELL_RAD = 2 * np.pi / _CELLS
 
 
 class SkyIndex(NamedTuple):
@@ -16,30 +20,37 @@ class SkyIndex(NamedTuple):
 
     Attributes:
         vectors: (n, 3) unit vectors of all guide stars, by catalogue index.
-        band_start: (bands + 1,) where each band begins in the next two.
+        cell_start: (bands * cells + 1,) int32, where each cell of right ascension of each band
+            begins in the next two.
         star: (n,) catalogue index.
         sorted_vectors: (n, 3) unit vectors in the order of `star`.
-        ra_rad: (n,) right ascension in [0, 2 pi).
     """
 
     vectors: Floats
-    band_start: NDArray[np.int64]
+    cell_start: NDArray[np.int32]
     star: NDArray[np.int32]
     sorted_vectors: Floats
-    ra_rad: Floats
 
     @classmethod
     def build(cls, vectors: Floats) -> "SkyIndex":
         """Sort stars (n, 3)."""
         ra, dec = ra_dec(vectors)
-        n_bands = int(np.ceil(np.pi / _BAND_RAD))
-        band = np.minimum((dec + np.pi / 2) / _BAND_RAD, n_bands - 1).astype(np.int64)
-        order = np.lexsort((ra, band))
-        start = np.searchsorted(band[order], np.arange(n_bands + 1))
+        band = np.minimum((dec + np.pi / 2) / _BAND_RAD, _N_BANDS - 1).astype(np.int64)
+        cell = _CELLS * band + np.minimum(ra / _CELL_RAD, _CELLS - 1).astype(np.int64)
+        order = np.lexsort((ra, cell))
+        start = np.searchsorted(cell[order], np.arange(_N_BANDS * _CELLS + 1))
         return cls(
-            np.ascontiguousarray(vectors), start.astype(np.int64), order.astype(np.int32),
-            np.ascontiguousarray(vectors[order]), np.ascontiguousarray(ra[order]),
+            np.ascontiguousarray(vectors), start.astype(np.int32), order.astype(np.int32),
+            np.ascontiguousarray(vectors[order]),
         )
+
+
+@inlined
+def _prefetch_stars(index: SkyIndex, at: int) -> None:
+    """Have the first stars of a run fetched: six or seven of them."""
+    prefetch(index.star, at)
+    for line in range(3):
+        prefetch(index.sorted_vectors, 3 * at + 8 * line)
 
 
 @compiled
@@ -50,36 +61,39 @@ def stars_near(
     """Find the stars within `reach_rad` of a unit vector (3,); return their number.
 
     Writes their catalogue indices to `found` and their unit vectors to `vectors`, which must have
-    room for all guide stars.
+    room for all guide stars; what stands behind those found means nothing.
     """
     x, y, z = direction[0], direction[1], direction[2]
     dec = np.arctan2(z, np.hypot(x, y))
     ra = np.arctan2(y, x) % (2 * np.pi)
-    cos_reach = np.cos(reach_rad)
-    n_bands = len(index.band_start) - 1
     first = max(0, int((dec - reach_rad + np.pi / 2) / _BAND_RAD))
-    last = min(n_bands - 1, int((dec + reach_rad + np.pi / 2) / _BAND_RAD))
-    half_width = np.pi
+    last = min(_N_BANDS - 1, int((dec + reach_rad + np.pi / 2) / _BAND_RAD))
+    west, n_cells = 0, _CELLS
     if abs(dec) + reach_rad < np.pi / 2:
         half_width = np.arcsin(np.sin(reach_rad) / np.cos(dec)) + 1e-9
+        west = int(np.floor((ra - half_width) / _CELL_RAD))
+        n_cells = min(int(np.floor((ra + half_width) / _CELL_RAD)) - west + 1, _CELLS)
+        west %= _CELLS
+    # Two runs of cells where right ascension 0 is among them.
+    before_0 = min(n_cells, _CELLS - west)
+    runs = (0, n_cells - before_0), (west, west + before_0)
+    cell_start = index.cell_start
+    for band in range(first, last + 1):
+        for run in runs:
+            prefetch(cell_start, _CELLS * band + run[0])
+            prefetch(cell_start, _CELLS * band + run[1])
+    for band in range(first, last + 1):
+        for run in runs:
+            if run[1] > run[0]:
+                _prefetch_stars(index, cell_start[_CELLS * band + run[0]])
+    cos_reach = np.cos(reach_rad)
     n = 0
     for band in range(first, last + 1):
-        begin, end = index.band_start[band], index.band_start[band + 1]
-        # One run of right ascensions, or two where it crosses 0.
-        for turn in (-2 * np.pi, 0.0, 2 * np.pi):
-            low, high = ra - half_width + turn, ra + half_width + turn
-            if high < 0.0 or low >= 2 * np.pi:
-                continue
-            if half_width >= np.pi and turn != 0.0:
-                continue
-            at = begin
-            if half_width < np.pi:
-                at = first_not_below(index.ra_rad, begin, end, low)
-            while at < end and (half_width >= np.pi or index.ra_rad[at] <= high):
+        for run in runs:
+            for at in range(cell_start[_CELLS * band + run[0]], cell_start[_CELLS * band + run[1]]):
+                # Written in any case: to skip a star takes longer than to write it.
                 v = index.sorted_vectors[at]
-                if v[0] * x + v[1] * y + v[2] * z > cos_reach:
-                    found[n] = index.star[at]
-                    vectors[n, 0], vectors[n, 1], vectors[n, 2] = v[0], v[1], v[2]
-                    n += 1
-                at += 1
+                found[n] = index.star[at]
+                vectors[n, 0], vectors[n, 1], vectors[n, 2] = v[0], v[1], v[2]
+                n += v[0] * x + v[1] * y + v[2] * z > cos_reach
     return n

@@ -83,14 +83,23 @@ def blank_labels(n: int) -> NDArray[np.void]:
 
 
 @compiled
+def blank(labels: NDArray[np.void]) -> None:
+    """Identify nothing."""
+    for i in range(len(labels)):
+        row = labels[i]
+        row.catalog_index, row.residual_px, row.state = -1, np.nan, StarState.UNIDENTIFIED
+
+
+@compiled
 def label_frame(engine: Any, sky: Any, labels: NDArray[np.void]) -> tuple[int, float]:
     """Label the centroids and fit the best pose, which is one of `sky`, to the identified ones.
 
     The noise is estimated from the frame itself, from the matches that carry most evidence, so
-    that a precise frame gets a narrow gate. Writes a row of `labels` for each centroid of the
-    input. Returns the number of identified stars and the sum of their squared residuals.
+    that a precise frame gets a narrow gate. Writes all rows of `labels`, one for each centroid of
+    the input. Returns the number of identified stars and the sum of their squared residuals.
     """
     frame, matches, best = engine.frame, engine.matches, engine.best
+    blank(labels)  # engines share them: another one may have labelled the frame since
     gate = GATE_TOLERANCES * engine.progress[0].tolerance_px
     n_near, k = matches.n_near, 0
     free = sky.scale_prior.sigma > 0.0

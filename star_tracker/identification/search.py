@@ -18,6 +18,7 @@ from star_tracker.identification.shapes import (
     choose_runs,
     keep_agreeing,
     members_at_any_scale,
+    prefetch_fan,
     spread,
 )
 from star_tracker.identification.votes import (
@@ -187,9 +188,13 @@ def _try_main_by_shape(engine: Any, main: int, level: Any) -> float:
         cast_by_shape(engine, max(level.votes, threshold_for(total, len(votes.low))))
         n_cells = best_cells(votes, n_judged, votes.n_reached, cells, scores)
         n_judged = votes.n_reached
+        if n_cells > 0:
+            prefetch_fan(engine, cells[0] >> ROLL_BITS)
         for i in range(n_cells):
             if late(progress):
                 return work
+            if i + 1 < n_cells:
+                prefetch_fan(engine, cells[i + 1] >> ROLL_BITS)
             work += _try_cell_by_shape(engine, main, cells[i], n_fan, level)
             if certain(progress, engine.limits, frame.n):
                 return work

@@ -20,7 +20,7 @@ from star_tracker.catalogue.triangles import (
     SIZE_RANGE,
     TriangleTable,
 )
-from star_tracker.compiled import compiled, first_not_below, struct
+from star_tracker.compiled import compiled, first_not_below, inlined, prefetch, struct
 from star_tracker.identification.cells import MEMBERS
 from star_tracker.identification.progress import late
 from star_tracker.identification.votes import (
@@ -100,18 +100,30 @@ def choose_runs(engine: Any, begin: int, end: int, tolerance_rad: float) -> int:
 
     Returns how many rows there are.
     """
-    fan = engine.fan
+    fan, cell_start, main_azimuth = (
+        engine.fan, engine.triangles.cell_start, engine.triangles.main_azimuth
+    )
     fan.n_runs = 0
-    total = 0
     for j in range(begin, end):
         for i in range(j):
-            total += _runs_of_pair(engine, i, j, tolerance_rad)
+            _choose_cells(engine, i, j, tolerance_rad)
+    first, last, units = fan.first, fan.last, fan.units
+    n, total = 0, 0
+    for run in range(fan.n_runs):
+        row, row_end = cell_start[first[run]], cell_start[last[run]]
+        if row_end > row:
+            prefetch(main_azimuth, row)
+            prefetch(main_azimuth, row_end - 1)
+            first[n], last[n], units[n] = row, row_end, units[run]
+            n += 1
+            total += row_end - row
+    fan.n_runs = n
     return total
 
 
 @compiled
-def _runs_of_pair(engine: Any, i: int, j: int, tolerance_rad: float) -> int:
-    """Add the runs of triangles of the shape of companions i and j; return their rows."""
+def _choose_cells(engine: Any, i: int, j: int, tolerance_rad: float) -> None:
+    """Add the cells of the triangles of the shape of companions i and j, first to last, to runs."""
     table, fan, prior = engine.triangles, engine.fan, engine.sky.scale_prior
     grid = table.grid
     near, far = fan.separation[i], fan.separation[j]
@@ -122,19 +134,25 @@ def _runs_of_pair(engine: Any, i: int, j: int, tolerance_rad: float) -> int:
         size - prior.high - slack, size - prior.low + slack, SIZE_RANGE / grid.sizes, grid.sizes
     )
     if vague > _VAGUEST or sizes[0] > sizes[1]:
-        return 0
+        return
     ratio = fan.log_separation[j] - fan.log_separation[i] - RATIO_LOW
     ratios = _cells(ratio - vague, ratio + vague, RATIO_RANGE / grid.ratios, grid.ratios)
     to_cells = grid.angles / (2 * np.pi)
     turn = (fan.azimuth[j] - fan.azimuth[i]) % (2 * np.pi)
     turns = int(np.floor((turn - vague) * to_cells)), int(np.floor((turn + vague) * to_cells))
     units = int(np.floor(fan.azimuth[j] * (AZIMUTH_UNITS / (2 * np.pi)))) & (AZIMUTH_UNITS - 1)
-    total = 0
+    n = fan.n_runs
     for at_ratio in range(ratios[0], ratios[1] + 1):
         for at_angle in range(turns[0], turns[1] + 1):
-            row = (at_ratio * grid.angles + at_angle % grid.angles) * grid.sizes
-            total += _add_run(table, fan, row + sizes[0], row + sizes[1] + 1, units)
-    return total
+            if n == len(fan.first):
+                break
+            cell = (at_ratio * grid.angles + at_angle % grid.angles) * grid.sizes
+            first, last = cell + sizes[0], cell + sizes[1] + 1
+            prefetch(table.cell_start, first)
+            prefetch(table.cell_start, last)
+            fan.first[n], fan.last[n], fan.units[n] = first, last, units
+            n += 1
+    fan.n_runs = n
 
 
 @compiled
@@ -143,16 +161,16 @@ def _cells(low: float, high: float, step: float, n: int) -> tuple[int, int]:
     return max(int(np.floor(low / step)), 0), min(int(np.floor(high / step)), n - 1)
 
 
-@compiled
-def _add_run(table: Any, fan: Any, begin: int, end: int, units: int) -> int:
-    """Add the rows of the cells begin to end to the runs; return how many they are."""
-    first, last = table.cell_start[begin], table.cell_start[end]
-    n = fan.n_runs
-    if last <= first or n >= len(fan.first):
-        return 0
-    fan.first[n], fan.last[n], fan.units[n] = first, last, units
-    fan.n_runs = n + 1
-    return last - first
+@inlined
+def prefetch_fan(engine: Any, star: int) -> None:
+    """Have the fan of a guide star fetched, for `members_at_any_scale` and `keep_agreeing`."""
+    table = engine.triangles
+    n = table.fan_star.shape[1]
+    first, last = star * n, star * n + n - 1
+    for at in (first, last):
+        prefetch(table.fan_log_separation, at)
+        prefetch(table.fan_azimuth, at)
+        prefetch(table.fan_star, at)
 
 
 @compiled

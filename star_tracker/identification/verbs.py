@@ -29,7 +29,7 @@ from star_tracker.identification.contradiction import agreement, fit_focal_lengt
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
 from star_tracker.identification.judge import GATE_TOLERANCES
-from star_tracker.identification.labels import StarState, label_frame
+from star_tracker.identification.labels import blank, label_frame
 from star_tracker.identification.progress import forget, wrong_probability
 from star_tracker.identification.search import certain, judge_and_keep, search
 from star_tracker.identification.symmetry import fits_in_mirror
@@ -145,13 +145,11 @@ def label(engine: Any, labels: NDArray[np.void]) -> int:
     or CONTRADICTED.
     """
     rotation, outcome, frame = engine.best.rotation, engine.outcome[0], engine.frame
-    blank(labels)  # engines share them: another one may have labelled the frame since
     k, sum2 = label_frame(engine, engine.sky, labels)
     least = _LEAST_LEFT * engine.progress[0].n_matched
     if k >= least and not engine.best.free and fit_focal_length(engine, k, sum2):
         k = 0  # the stars were matched with another one
         if judge_scaled(engine):
-            blank(labels)
             k, sum2 = label_frame(engine, engine.doubt, labels)
     outcome.scale = engine.best.scale
     if k < least:
@@ -228,11 +226,3 @@ def _labelled(engine: Any, labels: NDArray[np.void], ended: int) -> int:
     if ended != Ended.SOLVED:
         blank(labels)
     return ended
-
-
-@compiled
-def blank(labels: NDArray[np.void]) -> None:
-    """Identify nothing."""
-    for i in range(len(labels)):
-        row = labels[i]
-        row.catalog_index, row.residual_px, row.state = -1, np.nan, StarState.UNIDENTIFIED

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from star_tracker.catalogue.pairs import AZIMUTH_BITS, AZIMUTH_UNITS, first_row
-from star_tracker.compiled import compiled, inlined, struct
+from star_tracker.compiled import compiled, inlined, prefetch, struct
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.progress import late
 
@@ -167,7 +167,7 @@ def vote_rows(
     The votes wait until many are there, or `count_waiting` is called: rows lie far apart in
     memory, and so many are on their way at once.
     """
-    waiting, n = votes.waiting, votes.n_waiting
+    waiting, n, low = votes.waiting, votes.n_waiting, votes.low
     for row in range(rows[0], rows[1]):
         if n == _WAITING:
             votes.n_waiting = n
@@ -175,7 +175,9 @@ def vote_rows(
             n = 0
         coded = main_azimuth[row]
         roll = ((coded - azimuth) & (AZIMUTH_UNITS - 1)) >> ROLL_SHIFT
-        waiting[n] = ((coded >> AZIMUTH_BITS) << ROLL_BITS) | roll
+        star = coded >> AZIMUTH_BITS
+        waiting[n] = (star << ROLL_BITS) | roll
+        prefetch(low, _LOW_WORDS * star)
         n += 1
     votes.n_waiting = n
 

@@ -168,8 +168,8 @@ def test_the_whole_ladder_fits_a_small_computer():
 def test_size_is_that_of_all_columns():
     database = FeatureDatabase.build(StarCatalog.hipparcos(limiting_magnitude=3.0))
     n = len(database.catalog)
-    # Stars 48 bytes (vector, magnitude, two numbers), sky index 36, and the declination bands.
-    assert database.nbytes == database.pairs.nbytes + n * (48 + 36) + 8 * 46
+    # Stars 48 bytes (vector, magnitude, two numbers), sky index 28, and its 45 bands of 128 cells.
+    assert database.nbytes == database.pairs.nbytes + n * (48 + 28) + 4 * (45 * 128 + 1)
 
 
 def test_stars_at_one_place_make_no_triangle_with_each_other():

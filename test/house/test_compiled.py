@@ -10,7 +10,7 @@ from processes import completed, environment
 
 from star_tracker import compiled as module
 from star_tracker import resources
-from star_tracker.compiled import compiled, first_not_below, inlined, machine_code
+from star_tracker.compiled import compiled, first_not_below, inlined, machine_code, prefetch
 
 #: One function of the package, as small as there is one.
 SMALLEST = """
@@ -221,6 +221,25 @@ def test_numbas_settings_are_as_before(monkeypatch, tmp_path):
     with pytest.raises(TypeError):
         compiled("not a function")
     assert before == numba_config.CACHE_DIR
+
+
+@pytest.mark.parametrize("array", [
+    np.arange(5.0), np.arange(6, dtype=np.int32).reshape(2, 3), np.empty((0, 2), np.float32),
+])
+@pytest.mark.parametrize("at", [0, 4, -1, 2**40, np.int32(3)])
+def test_what_is_fetched_ahead_stays_as_it_is(array, at, monkeypatch, tmp_path):
+    """Wherever it is: no place is out of bounds."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+
+    def fetch(array, at):
+        prefetch(array, at)
+        return array.size
+
+    before, function = array.copy(), compiled(fetch)
+    assert function(array, at) == array.size
+    np.testing.assert_array_equal(array, before)
+    code = "".join(function.inspect_asm().values())
+    assert "prefetch" in code or "prfm" in code  # x86-64, ARM
 
 
 def test_a_division_by_zero_is_no_exception(monkeypatch, tmp_path):
