@@ -212,8 +212,7 @@ def clock_s() -> float:
     return now[0] + 1e-9 * now[1]
 
 
-@intrinsic
-def prefetch(typing: Any, array: Any, at: Any) -> Any:
+def _fetched_ahead(typing: Any, array: Any, at: Any) -> Any:
     """Have the element `at` of an array, counted in C order, fetched into the caches.
 
     For compiled code alone. The tables' part for a frame's place in the sky has mostly left the
@@ -236,6 +235,10 @@ def prefetch(typing: Any, array: Any, at: Any) -> Any:
         return context.get_dummy_value()
 
     return types.none(array, at), generate
+
+
+#: `prefetch(array, at)`; see `_fetched_ahead`.
+prefetch: Any = intrinsic(_fetched_ahead)
 
 
 @compiled

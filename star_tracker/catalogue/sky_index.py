@@ -90,7 +90,8 @@ def stars_near(
     n = 0
     for band in range(first, last + 1):
         for run in runs:
-            for at in range(cell_start[_CELLS * band + run[0]], cell_start[_CELLS * band + run[1]]):
+            begin, end = cell_start[_CELLS * band + run[0]], cell_start[_CELLS * band + run[1]]
+            for at in range(begin, end):
                 # Written in any case: to skip a star takes longer than to write it.
                 v = index.sorted_vectors[at]
                 found[n] = index.star[at]

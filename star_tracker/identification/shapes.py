@@ -46,7 +46,8 @@ TrianglesType, Triangles = struct("Triangles", __name__, TriangleTable._fields)
 #:
 #: - star, separation, log_separation, azimuth: (c,) its companions in the frame, their separation
 #:   and its log, rad, and their position angle, rad;
-#: - first, last, units: (r,) runs of triangle rows that vote, and the azimuth to take from theirs;
+#: - first, last, units: (r,) runs of triangle rows that vote (of cells, until all are chosen), and
+#:   the azimuth to take from theirs;
 #: - n_runs: how many;
 #: - companion, guide, log_ratio, roll, slack: (m,) members of a cell: places among the companions
 #:   and in the guide star's fan, log of observed over catalogue separation, roll from the middle
@@ -123,7 +124,7 @@ def choose_runs(engine: Any, begin: int, end: int, tolerance_rad: float) -> int:
 
 @compiled
 def _choose_cells(engine: Any, i: int, j: int, tolerance_rad: float) -> None:
-    """Add the cells of the triangles of the shape of companions i and j, first to last, to runs."""
+    """Note the cells of the triangles of companions i and j, first to last, as runs."""
     table, fan, prior = engine.triangles, engine.fan, engine.sky.scale_prior
     grid = table.grid
     near, far = fan.separation[i], fan.separation[j]

@@ -23,22 +23,24 @@ ROLL_SHIFT = 2
 #: Words of a count: two that every vote looks at, six that few do. Counts begin again at 256: the
 #: pairs of twenty companions are 190.
 _LOW_WORDS, _HIGH_WORDS = 2, 6
-_ONE = np.uint64(1)
+_NONE, _ONE = np.uint64(0), np.uint64(1)
 _LAST_BIN = np.uint64(ROLL_BINS - 1)
 _BITS = np.uint64(ROLL_BINS)
 _TWO_BINS = np.uint64(3)
 #: So many cells that reach the threshold are remembered; so many are expected to by chance.
 _REMEMBERED = 1024
 _BY_CHANCE = 150.0
-#: Votes are counted so many at a time.
+#: Votes are counted so many at a time. Places in arrays are unsigned here: whether a signed one is
+#: negative, and counts from the end as in Python, takes a fifth of a vote's time to find out.
 _WAITING = 256
+_STAR_BITS = np.uint64(ROLL_BITS)
 #: Votes of one main star are bounded, but so many companions vote in any case.
 _MOST_VOTES, _FEWEST_COMPANIONS = 100_000, 3
 
 
 #: The votes for one main star; made once and used again for each:
 #:
-#: - waiting, n_waiting: (w,) cells of votes that are not counted yet, and how many;
+#: - waiting, n_waiting: (w,) uint64 cells of votes that are not counted yet, and how many;
 #: - low, high: (n, 2) and (n, 6) uint64, the digits of each guide star's 64 counts; all 0 between
 #:   main stars;
 #: - touched, n_touched: (r,) the stars that have votes, and how many; not all are remembered where
@@ -59,7 +61,7 @@ VotesType, Votes = struct("Votes", __name__, (
 def empty_votes(n_stars: int, n_companions: int) -> Any:
     """Return what `look_around` and `cast` fill, for a catalogue of so many guide stars."""
     return Votes(
-        np.empty(_WAITING, np.int64), 0,
+        np.empty(_WAITING, np.uint64), 0,
         np.zeros((n_stars, _LOW_WORDS), np.uint64), np.zeros((n_stars, _HIGH_WORDS), np.uint64),
         np.empty(_REMEMBERED, np.int64), 0, np.empty(_REMEMBERED, np.int64), 0,
         np.empty(_REMEMBERED, np.int64), 0,
@@ -167,40 +169,39 @@ def vote_rows(
     The votes wait until many are there, or `count_waiting` is called: rows lie far apart in
     memory, and so many are on their way at once.
     """
-    waiting, n, low = votes.waiting, votes.n_waiting, votes.low
-    for row in range(rows[0], rows[1]):
+    waiting, n, low = votes.waiting, np.uint64(votes.n_waiting), votes.low
+    for row in range(np.uint64(rows[0]), np.uint64(rows[1])):
         if n == _WAITING:
-            votes.n_waiting = n
+            votes.n_waiting = _WAITING
             count_waiting(votes, threshold)
-            n = 0
-        coded = main_azimuth[row]
-        roll = ((coded - azimuth) & (AZIMUTH_UNITS - 1)) >> ROLL_SHIFT
-        star = coded >> AZIMUTH_BITS
-        waiting[n] = (star << ROLL_BITS) | roll
+            n = _NONE
+        coded = np.int64(main_azimuth[row])
+        star, roll = coded >> AZIMUTH_BITS, (coded - azimuth) & (AZIMUTH_UNITS - 1)
+        waiting[n] = np.uint64((star << ROLL_BITS) | (roll >> ROLL_SHIFT))
         prefetch(low, _LOW_WORDS * star)
-        n += 1
-    votes.n_waiting = n
+        n += _ONE
+    votes.n_waiting = np.int64(n)
 
 
 @compiled
 def count_waiting(votes: Any, threshold: int) -> None:
     """Count the votes that wait; cells that reach the threshold join `reached`."""
-    none, low, high, touched = np.uint64(0), votes.low, votes.high, votes.touched
-    n_touched, n_waiting, waiting = votes.n_touched, votes.n_waiting, votes.waiting
+    low, high, touched, waiting = votes.low, votes.high, votes.touched, votes.waiting
+    n_touched, n_waiting = np.uint64(votes.n_touched), np.uint64(votes.n_waiting)
     votes.n_waiting = 0
     if n_touched + n_waiting > _REMEMBERED:  # too many to remember: see `clear`
-        n_touched = _REMEMBERED + 1
+        n_touched = np.uint64(_REMEMBERED + 1)
     for i in range(n_waiting):
-        star, roll = waiting[i] >> ROLL_BITS, np.uint64(waiting[i] & (ROLL_BINS - 1))
+        star, roll = waiting[i] >> _STAR_BITS, waiting[i] & _LAST_BIN
         bins = (_TWO_BINS << roll) | (_TWO_BINS >> ((_BITS - roll) & _LAST_BIN))  # rotated
         ones, twos = low[star, 0], low[star, 1]
-        if n_touched <= _REMEMBERED and ones | twos == none:
+        if n_touched <= _REMEMBERED and ones | twos == _NONE:
             touched[n_touched] = star
-            n_touched += 1
+            n_touched += _ONE
         carry = ones & bins
         ones, fours, twos = ones ^ bins, twos & carry, twos ^ carry
         low[star, 0], low[star, 1] = ones, twos
-        if fours != none:
+        if fours != _NONE:
             _carry_on(votes, star, fours)
         # Only where the count can be the threshold it is looked at closely: rare.
         if threshold == 2:
@@ -212,13 +213,13 @@ def count_waiting(votes: Any, threshold: int) -> None:
                 high[star, 0] | high[star, 1] | high[star, 2] | high[star, 3]
                 | high[star, 4] | high[star, 5]
             )
-        if hit != none:
-            _note(votes, star, waiting[i] & (ROLL_BINS - 1), threshold)
-    votes.n_touched = n_touched
+        if hit != _NONE:
+            _note(votes, np.int64(star), np.int64(roll), threshold)
+    votes.n_touched = np.int64(n_touched)
 
 
 @compiled
-def _carry_on(votes: Any, star: int, carry: np.uint64) -> None:
+def _carry_on(votes: Any, star: np.uint64, carry: np.uint64) -> None:
     """Add to the higher digits, and remember for which stars."""
     n, high = votes.n_carried, votes.high
     if n < _REMEMBERED:
@@ -256,20 +257,20 @@ def count_of(votes: Any, cell: int) -> int:
 @compiled
 def clear(votes: Any) -> None:
     """Take back all votes: of a few, which is nearly always, star by star."""
-    none, low, high = np.uint64(0), votes.low, votes.high
+    low, high = votes.low, votes.high
     if votes.n_touched > _REMEMBERED:
-        low[:] = none
+        low[:] = _NONE
     else:
         touched = votes.touched
         for i in range(votes.n_touched):
-            low[touched[i], 0] = low[touched[i], 1] = none
+            low[touched[i], 0] = low[touched[i], 1] = _NONE
     if votes.n_carried > _REMEMBERED:
-        high[:] = none
+        high[:] = _NONE
     else:
         carried = votes.carried
         for i in range(votes.n_carried):
             for digit in range(_HIGH_WORDS):
-                high[carried[i], digit] = none
+                high[carried[i], digit] = _NONE
     votes.n_touched = votes.n_carried = votes.n_reached = 0
 
 
