@@ -47,7 +47,7 @@ class SkyIndex(NamedTuple):
 
 @inlined
 def _prefetch_stars(index: SkyIndex, at: int) -> None:
-    """Have the first stars of a run fetched: six or seven of them."""
+    """Have the first stars of a run fetched, five to eight of them."""
     prefetch(index.star, at)
     for line in range(3):
         prefetch(index.sorted_vectors, 3 * at + 8 * line)

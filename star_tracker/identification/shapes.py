@@ -32,8 +32,9 @@ from star_tracker.identification.votes import (
     vote_rows,
 )
 
-#: Room for the runs of rows that one batch of companions selects.
-_RUNS = 8192
+#: So many runs of rows vote of a batch of companions, and so many cells that may hold them are
+#: looked at.
+_RUNS, _CELLS = 8192, 32_768
 #: So many runs vote, one more being a power of two, between two looks at the clock: some 0.1 ms.
 _LOOK_AT_CLOCK = 127
 #: A separation or a shape that is less certain than this, relative, does not vote.
@@ -63,7 +64,7 @@ def empty_fan(most: int) -> Any:
     """Return room for so many companions."""
     return Fan(
         np.empty(most, np.int64), np.empty(most), np.empty(most), np.empty(most),
-        np.empty(_RUNS, np.int64), np.empty(_RUNS, np.int64), np.empty(_RUNS, np.int64), 0,
+        np.empty(_CELLS, np.int64), np.empty(_CELLS, np.int64), np.empty(_CELLS, np.int64), 0,
         np.empty(MEMBERS, np.int64), np.empty(MEMBERS, np.int64), np.empty(MEMBERS),
         np.empty(MEMBERS), np.empty(MEMBERS),
     )
@@ -112,7 +113,7 @@ def choose_runs(engine: Any, begin: int, end: int, tolerance_rad: float) -> int:
     n, total = 0, 0
     for run in range(fan.n_runs):
         row, row_end = cell_start[first[run]], cell_start[last[run]]
-        if row_end > row:
+        if row_end > row and n < _RUNS:
             prefetch(main_azimuth, row)
             prefetch(main_azimuth, row_end - 1)
             first[n], last[n], units[n] = row, row_end, units[run]
