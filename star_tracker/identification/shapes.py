@@ -34,7 +34,7 @@ from star_tracker.identification.votes import (
 
 #: So many runs of rows vote of a batch of companions, and so many cells that may hold them are
 #: looked at.
-_RUNS, _CELLS = 8192, 32_768
+_MOST_RUNS, _MOST_CELLS = 8192, 32_768
 #: So many runs vote, one more being a power of two, between two looks at the clock: some 0.1 ms.
 _LOOK_AT_CLOCK = 127
 #: A separation or a shape that is less certain than this, relative, does not vote.
@@ -64,7 +64,8 @@ def empty_fan(most: int) -> Any:
     """Return room for so many companions."""
     return Fan(
         np.empty(most, np.int64), np.empty(most), np.empty(most), np.empty(most),
-        np.empty(_CELLS, np.int64), np.empty(_CELLS, np.int64), np.empty(_CELLS, np.int64), 0,
+        np.empty(_MOST_CELLS, np.int64), np.empty(_MOST_CELLS, np.int64),
+        np.empty(_MOST_CELLS, np.int64), 0,
         np.empty(MEMBERS, np.int64), np.empty(MEMBERS, np.int64), np.empty(MEMBERS),
         np.empty(MEMBERS), np.empty(MEMBERS),
     )
@@ -105,15 +106,15 @@ def choose_runs(engine: Any, begin: int, end: int, tolerance_rad: float) -> int:
     fan, cell_start, main_azimuth = (
         engine.fan, engine.triangles.cell_start, engine.triangles.main_azimuth
     )
-    fan.n_runs = 0
+    n_cells = 0
     for j in range(begin, end):
         for i in range(j):
-            _choose_cells(engine, i, j, tolerance_rad)
+            n_cells = _choose_cells(engine, i, j, tolerance_rad, n_cells)
     first, last, units = fan.first, fan.last, fan.units
     n, total = 0, 0
-    for run in range(fan.n_runs):
+    for run in range(n_cells):
         row, row_end = cell_start[first[run]], cell_start[last[run]]
-        if row_end > row and n < _RUNS:
+        if row_end > row and n < _MOST_RUNS:
             prefetch(main_azimuth, row)
             prefetch(main_azimuth, row_end - 1)
             first[n], last[n], units[n] = row, row_end, units[run]
@@ -124,8 +125,11 @@ def choose_runs(engine: Any, begin: int, end: int, tolerance_rad: float) -> int:
 
 
 @compiled
-def _choose_cells(engine: Any, i: int, j: int, tolerance_rad: float) -> None:
-    """Note the cells of the triangles of companions i and j, first to last, as runs."""
+def _choose_cells(engine: Any, i: int, j: int, tolerance_rad: float, n: int) -> int:
+    """Note the cells of the triangles of companions i and j, first to last, behind `n` runs.
+
+    Returns how many runs of cells there are then.
+    """
     table, fan, prior = engine.triangles, engine.fan, engine.sky.scale_prior
     grid = table.grid
     near, far = fan.separation[i], fan.separation[j]
@@ -136,25 +140,24 @@ def _choose_cells(engine: Any, i: int, j: int, tolerance_rad: float) -> None:
         size - prior.high - slack, size - prior.low + slack, SIZE_RANGE / grid.sizes, grid.sizes
     )
     if vague > _VAGUEST or sizes[0] > sizes[1]:
-        return
+        return n
     ratio = fan.log_separation[j] - fan.log_separation[i] - RATIO_LOW
     ratios = _cells(ratio - vague, ratio + vague, RATIO_RANGE / grid.ratios, grid.ratios)
     to_cells = grid.angles / (2 * np.pi)
     turn = (fan.azimuth[j] - fan.azimuth[i]) % (2 * np.pi)
     turns = int(np.floor((turn - vague) * to_cells)), int(np.floor((turn + vague) * to_cells))
     units = int(np.floor(fan.azimuth[j] * (AZIMUTH_UNITS / (2 * np.pi)))) & (AZIMUTH_UNITS - 1)
-    n = fan.n_runs
     for at_ratio in range(ratios[0], ratios[1] + 1):
         for at_angle in range(turns[0], turns[1] + 1):
             if n == len(fan.first):
-                break
+                return n
             cell = (at_ratio * grid.angles + at_angle % grid.angles) * grid.sizes
             first, last = cell + sizes[0], cell + sizes[1] + 1
             prefetch(table.cell_start, first)
             prefetch(table.cell_start, last)
             fan.first[n], fan.last[n], fan.units[n] = first, last, units
             n += 1
-    fan.n_runs = n
+    return n
 
 
 @compiled
