@@ -108,7 +108,7 @@ class Centroids(NamedTuple):
     plane_px: np.ndarray
     row: np.ndarray
     mains: np.ndarray
-    magnitude: np.ndarray
+    intensity: np.ndarray
     has_brightness: bool
     scale: float
 
@@ -116,7 +116,7 @@ class Centroids(NamedTuple):
 @compiled
 def _arrays_of_frame(frame):
     return (
-        frame.n, frame.vectors, frame.plane_px, frame.row, frame.mains, frame.magnitude,
+        frame.n, frame.vectors, frame.plane_px, frame.row, frame.mains, frame.intensity,
         frame.has_brightness, frame.scale,
     )
 

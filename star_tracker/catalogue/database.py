@@ -170,7 +170,9 @@ class FeatureDatabase:
     @cached_property
     def triangles(self) -> TriangleTable:
         """The guide stars' triangles by shape."""
-        return TriangleTable.build(self.catalog.vectors, grid=self.triangle_grid)
+        return TriangleTable.build(
+            self.catalog.vectors, self.catalog.v_mag, grid=self.triangle_grid
+        )
 
     @cached_property
     def patterns(self) -> PatternTable:

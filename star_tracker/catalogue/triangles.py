@@ -4,7 +4,9 @@ Around each guide star its nearest companions form a fan. Two of them, the first
 make a triangle with it: the logarithm of the ratio of their separations and the angle between them
 do not depend on the scale of an image nor on its roll. Triangles are kept in cells of that shape,
 within a cell by the separation of the second companion, so that those of a range of scales lie
-side by side, and each row votes for (guide star, roll) as a row of the pair table does.
+side by side, and each row votes for (guide star, roll) as a row of the pair table does. It tells,
+too, which of the three stars are the brighter ones: where a frame's brightness is known a third of
+the rows have its order.
 """
 
 from typing import NamedTuple
@@ -14,7 +16,7 @@ import scipy  # its parts are loaded where they are used: together they cost a s
 from numpy.typing import NDArray
 
 from star_tracker.catalogue.pairs import AZIMUTH_BITS, azimuth_units, piecewise
-from star_tracker.compiled import compiled
+from star_tracker.compiled import compiled, inlined
 from star_tracker.geometry.spherical import Floats, position_angle, separation
 
 #: Companions of each guide star that make its triangles.
@@ -22,6 +24,12 @@ COMPANIONS = 20
 #: More triangles than this are not made (some 50 MB): the companions are fewer then.
 MOST_TRIANGLES = 17_000_000
 _FEWEST_COMPANIONS = 6
+#: The order of brightness of a triangle's stars, in a row above the position angle: a bit each
+#: for the main star brighter than the first companion, than the second, and the first brighter
+#: than the second. The guide star stands above it: more than the 2^20 that there is room for have
+#: too many pairs (`pairs.MAX_DIRECTED_PAIRS`).
+ORDER_BITS = 3
+MAIN_BITS = AZIMUTH_BITS + ORDER_BITS
 #: Least log ratio of the separations, and log separation of the second companion over the mean
 #: spacing of the stars, that are kept, and the ranges of both.
 RATIO_LOW, RATIO_RANGE = -0.21, 1.95
@@ -60,7 +68,8 @@ class TriangleTable(NamedTuple):
         grid: the cells.
         cell_start: (cells + 1,) int32, the first row of each cell of ratio, angle and size.
         log_spacing: log of the mean spacing of the stars, rad.
-        main_azimuth: (t,) int32, index of the guide star * 256 + position angle of the second.
+        rows: (t,) int32, index of the guide star * 2048 + order of brightness * 256 + position
+            angle of the second companion in units.
         fan_log_separation: (n, c) float32, of each star's nearest companions, ascending.
         fan_azimuth: (n, c) float32, their position angles, rad.
         fan_star: (n, c) int32, their catalogue indices.
@@ -69,7 +78,7 @@ class TriangleTable(NamedTuple):
     grid: Grid
     cell_start: NDArray[np.int32]
     log_spacing: float
-    main_azimuth: NDArray[np.int32]
+    rows: NDArray[np.int32]
     fan_log_separation: NDArray[np.float32]
     fan_azimuth: NDArray[np.float32]
     fan_star: NDArray[np.int32]
@@ -86,9 +95,9 @@ class TriangleTable(NamedTuple):
 
     @classmethod
     def build(
-        cls, vectors: Floats, n_companions: int = 0, grid: Grid = KNOWN_SCALE
+        cls, vectors: Floats, v_mag: Floats, n_companions: int = 0, grid: Grid = KNOWN_SCALE
     ) -> "TriangleTable":
-        """Make the triangles of stars (n, 3) with the nearest `n_companions` of each.
+        """Make the triangles of stars (n, 3), magnitudes (n,), with `n_companions` nearest each.
 
         0 is automatic: 20, and fewer for more than 42,000 stars.
         """
@@ -110,21 +119,47 @@ class TriangleTable(NamedTuple):
             log_apart = np.log(apart)
         log_spacing = 0.5 * float(np.log(4.0 / n))
         count = np.zeros(grid.n_cells + 1, np.int32)
-        units, none = azimuth_units(angle), np.empty(0, np.int32)
-        _sort_by_shape(log_apart - log_spacing, angle, units, grid, (count[1:], none))
+        fans = Fans(
+            log_apart - log_spacing, angle, azimuth_units(angle), np.asarray(v_mag, float),
+            v_mag[near],
+        )
+        _sort_by_shape(fans, grid, (count[1:], np.empty(0, np.int32)))
         start = np.cumsum(count, dtype=np.int32)
         rows = np.empty(start[-1], np.int32)
-        _sort_by_shape(log_apart - log_spacing, angle, units, grid, (start[:-1].copy(), rows))
+        _sort_by_shape(fans, grid, (start[:-1].copy(), rows))
         return cls(
             grid, start, log_spacing, rows,
             log_apart.astype(np.float32), angle.astype(np.float32), near.astype(np.int32),
         )
 
 
+@inlined
+def brightness_order(main: float, first: float, second: float) -> int:
+    """Return the order of three magnitudes, as `ORDER_BITS` of a row."""
+    return (main < first) | ((main < second) << 1) | ((first < second) << 2)
+
+
+class Fans(NamedTuple):
+    """The guide stars (n,) and the nearest companions of each (n, c).
+
+    Attributes:
+        log_size: log separation of each companion over the mean spacing, ascending.
+        angle: its position angle, rad.
+        units: the same in units.
+        own_mag: (n,) magnitude of the guide star.
+        mag: that of each companion.
+    """
+
+    log_size: Floats
+    angle: Floats
+    units: NDArray[np.int32]
+    own_mag: Floats
+    mag: Floats
+
+
 @compiled
 def _sort_by_shape(
-    log_size: Floats, angle: Floats, units: NDArray[np.int32], grid: Grid,
-    sorted_rows: tuple[NDArray[np.int32], NDArray[np.int32]],
+    fans: Fans, grid: Grid, sorted_rows: tuple[NDArray[np.int32], NDArray[np.int32]]
 ) -> None:
     """Count the triangles of each cell, or sort them into their cells.
 
@@ -134,14 +169,14 @@ def _sort_by_shape(
     at, rows = sorted_rows
     counts_only = len(rows) == 0
     ratio_step, size_step = RATIO_RANGE / grid.ratios, SIZE_RANGE / grid.sizes
-    n, n_companions = log_size.shape
+    n, n_companions = fans.log_size.shape
     for main in range(n):
-        own, own_angle = log_size[main], angle[main]
+        own, own_angle, mag = fans.log_size[main], fans.angle[main], fans.mag[main]
         for second in range(n_companions):
             size = np.floor((own[second] - SIZE_LOW) / size_step)
             if not 0 <= size < grid.sizes:
                 continue
-            row = np.int32((main << AZIMUTH_BITS) | units[main, second])
+            row = (main << MAIN_BITS) | fans.units[main, second]
             for first in range(n_companions):
                 ratio = (own[second] - own[first] - RATIO_LOW) / ratio_step
                 if ratio < 0:
@@ -154,5 +189,6 @@ def _sort_by_shape(
                 around = min(int(turn * (grid.angles / (2 * np.pi))), grid.angles - 1)
                 cell = (int(ratio) * grid.angles + around) * grid.sizes + int(size)
                 if not counts_only:
-                    rows[at[cell]] = row
+                    order = brightness_order(fans.own_mag[main], mag[first], mag[second])
+                    rows[at[cell]] = np.int32(row | (order << AZIMUTH_BITS))
                 at[cell] += 1

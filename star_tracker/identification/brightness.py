@@ -30,20 +30,32 @@ _PLENTY, _PLENTY_A_STAR = 40.0, 0.8
 
 
 @compiled
-def with_brightness(score: float, frame: Any, v_mag: Floats, matches: Any, k: int) -> float:
+def with_brightness(
+    score: float, frame: Any, v_mag: Floats,
+    matches: tuple[NDArray[np.int64], NDArray[np.int64]], k: int,
+) -> float:
     """Return log10 evidence of the first `k` matches, of places, with that of brightness.
 
+    `matches` are indices into the frame, which has brightness, and the catalogue.
     Where it is plenty without it stays; brightness lifts it no farther than that, so that of two
     poses the one with more evidence of places keeps more where either has plenty.
     """
     plenty = max(_PLENTY, _PLENTY_A_STAR * frame.n)
-    if score >= plenty or not frame.has_brightness:
+    if score >= plenty:
         return score
     if not frame.usual_is_known:
+        write_magnitudes(frame.intensity, frame.n, frame.magnitude)
         how_usual(frame.magnitude, frame.n, frame.usual)
         frame.usual_is_known = True
     seen = frame.magnitude, frame.usual
-    return min(score + brightness(seen, v_mag, matches.observed, matches.catalog, k), plenty)
+    return min(score + brightness(seen, v_mag, matches[0], matches[1], k), plenty)
+
+
+@compiled
+def write_magnitudes(intensity: Floats, n: int, magnitude: Floats) -> None:
+    """Write the instrumental magnitudes of the first `n` intensities, NaN = not known."""
+    for i in range(n):
+        magnitude[i] = -2.5 * np.log10(intensity[i]) if intensity[i] > 0.0 else np.nan
 
 
 @compiled

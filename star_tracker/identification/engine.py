@@ -130,7 +130,7 @@ def make_engine(
         table.max_separation_rad,
     )
     triangles = Triangles(
-        shapes.grid, shapes.cell_start, shapes.log_spacing, shapes.main_azimuth,
+        shapes.grid, shapes.cell_start, shapes.log_spacing, shapes.rows,
         shapes.fan_log_separation, shapes.fan_azimuth, shapes.fan_star,
     )
     levels, limits = search

@@ -70,6 +70,8 @@ SkyType, Sky = struct("Sky", __name__, View._fields)
 #: - observed, catalog: (n,) the matches, indices into the frame and the catalogue, and listed: the
 #:   guide stars' places in `near`;
 #: - residual2: (n,) their squared distances, px^2, ascending;
+#: - weighed, weighed_catalog: (n,) those matches that carry most evidence of places so far, of
+#:   which brightness is weighed in the end;
 #: - trial: a pose;
 #: - n_best: how many matches carry the evidence of the pose judged last, and n_in_view: of so many
 #:   guide stars in the image;
@@ -77,8 +79,8 @@ SkyType, Sky = struct("Sky", __name__, View._fields)
 #: - n_matched, n_near: then, how many matches are listed and how many guide stars are near.
 MatchesType, Matches = struct("Matches", __name__, (
     "near", "near_vectors", "place", "guide_star", "star_guide", "star_residual2", "observed",
-    "catalog", "listed", "residual2", "trial", "n_best", "n_in_view", "n_settled", "n_matched",
-    "n_near",
+    "catalog", "listed", "residual2", "weighed", "weighed_catalog", "trial", "n_best", "n_in_view",
+    "n_settled", "n_matched", "n_near",
 ))
 
 
@@ -89,7 +91,9 @@ def empty_matches(n_guides: int, n_centroids: int) -> Any:
         np.empty(n_guides, np.int64), np.empty((n_guides, 3)), np.empty((n_guides, 3)),
         np.empty(n_guides, np.int64), np.empty(n_centroids, np.int64), np.empty(n_centroids),
         np.empty(n_centroids, np.int64), np.empty(n_centroids, np.int64),
-        np.empty(n_centroids, np.int64), np.empty(n_centroids), identity_pose(), 0, 0, 0, 0, 0,
+        np.empty(n_centroids, np.int64), np.empty(n_centroids),
+        np.empty(n_centroids, np.int64), np.empty(n_centroids, np.int64),
+        identity_pose(), 0, 0, 0, 0, 0,
     )
 
 
@@ -208,7 +212,6 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
         if n_matched < 3:
             break
         k, score = strongest(sky, frame, trial, matches, (n_matched, n_inside))
-        score = with_brightness(score, frame, sky.v_mag, matches, k)
         names = _names(matches, k)
         settled = k == k_before and names == before
         # Perfect centroids have no more evidence after the fit than before it.
@@ -218,6 +221,8 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
             break
         best, matches.n_best, matches.n_in_view = max(score, best), k, n_inside
         copy_pose(trial, pose)
+        if frame.has_brightness:
+            _keep_for_weighing(matches, k)
         # The pose was fitted to these very matches already: they will not change any more.
         if settled:
             matches.n_settled, matches.n_matched, matches.n_near = k, n_matched, n_near
@@ -227,7 +232,18 @@ def judge(sky: Any, frame: Any, tolerance_px: float, pose: Any, matches: Any) ->
         if trial.free:  # no farther than the search goes
             low, high = np.exp(sky.scale_prior.low), np.exp(sky.scale_prior.high)
             trial.scale = min(max(trial.scale, low), high)
-    return best
+    if not frame.has_brightness or best == -np.inf:
+        return best
+    seen = matches.weighed, matches.weighed_catalog
+    return with_brightness(best, frame, sky.v_mag, seen, matches.n_best)
+
+
+@inlined
+def _keep_for_weighing(matches: Any, k: int) -> None:
+    """Keep the first `k` matches, whose brightness is weighed if no other ones are better."""
+    for i in range(k):
+        matches.weighed[i] = matches.observed[i]
+        matches.weighed_catalog[i] = matches.catalog[i]
 
 
 @inlined

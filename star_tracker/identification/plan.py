@@ -26,6 +26,9 @@ class Level(NamedTuple):
         cells: most cells that are looked at, of a batch or of a main star whose pairs vote.
         worth: by shape, the least worth of a candidate (`shapes.keep_agreeing`): false ones have
             0.9 to 2.7 in the median, true ones 4 to 5.
+        in_order: by shape, whether only triangles vote whose stars have the frame's order of
+            brightness, where that is known: a third of them. Intensities may mean nothing, so that
+            a full search has to do without.
         pause: whether the searches of other cameras have their turn after it.
         least_n, most_n: for frames of so many centroids.
     """
@@ -38,6 +41,7 @@ class Level(NamedTuple):
     votes: int
     cells: int
     worth: float
+    in_order: bool = False
     pause: bool = False
     least_n: int = 0
     most_n: int = _ALL
@@ -115,7 +119,8 @@ def _quick_of_any_scale(settings: MatchGroupSettings) -> list[Level]:
 def _short(tolerance_px: float, companions: int, mains: int, batch: int, cells: int) -> Level:
     """Return a level of a quick search."""
     return Level(
-        True, tolerance_px, companions, mains, batch, votes=3, cells=cells, worth=2.0
+        True, tolerance_px, companions, mains, batch, votes=3, cells=cells, worth=2.0,
+        in_order=True,
     )
 
 

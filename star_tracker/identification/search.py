@@ -176,7 +176,7 @@ def _try_main_by_shape(engine: Any, main: int, level: Any) -> float:
     """Judge the candidates of one main star by shape, batch by batch; return the work."""
     frame, votes, room, progress = engine.frame, engine.votes, engine.room, engine.progress[0]
     tolerance = level.tolerance_px / engine.sky.focal_px
-    n_fan = spread(frame, main, level.companions, engine.fan)
+    n_fan = spread(frame, main, level.companions, engine.fan, level.in_order)
     cells, scores = room.cells[: level.cells], room.scores[: level.cells]
     work, total, n_judged, done = 0.0, 0, 0, 0
     while done < n_fan:

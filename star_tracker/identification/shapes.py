@@ -14,6 +14,8 @@ import numpy as np
 
 from star_tracker.catalogue.pairs import AZIMUTH_UNITS
 from star_tracker.catalogue.triangles import (
+    MAIN_BITS,
+    ORDER_BITS,
     RATIO_LOW,
     RATIO_RANGE,
     SIZE_LOW,
@@ -24,8 +26,10 @@ from star_tracker.compiled import compiled, first_not_below, inlined, prefetch, 
 from star_tracker.identification.cells import MEMBERS
 from star_tracker.identification.progress import late
 from star_tracker.identification.votes import (
+    ANY_ORDER,
     ROLL_BINS,
     ROLL_BITS,
+    Reading,
     angle_in_image,
     count_waiting,
     nearest,
@@ -37,6 +41,18 @@ from star_tracker.identification.votes import (
 _MOST_RUNS, _MOST_CELLS = 8192, 32_768
 #: So many runs vote, one more being a power of two, between two looks at the clock: some 0.1 ms.
 _LOOK_AT_CLOCK = 127
+#: A star this many times as bright as another one is the brighter one: half a magnitude, which the
+#: noise and the colours of two true stars rarely make up for. Nearer ones may stand in any order.
+_SURELY_BRIGHTER = 10**0.2
+#: Orders of brightness of a triangle (`triangles.ORDER_BITS`) in which one of its stars is the
+#: brighter one, and the fainter one: main and first companion, main and second, first and second.
+_BRIGHTER, _FAINTER = (
+    tuple(
+        sum(1 << order for order in range(1 << ORDER_BITS) if (order >> bit & 1) == wanted)
+        for bit in range(ORDER_BITS)
+    )
+    for wanted in (1, 0)
+)
 #: A separation or a shape that is less certain than this, relative, does not vote.
 _VAGUEST = 0.2
 
@@ -47,15 +63,16 @@ TrianglesType, Triangles = struct("Triangles", __name__, TriangleTable._fields)
 #:
 #: - star, separation, log_separation, azimuth: (c,) its companions in the frame, their separation
 #:   and its log, rad, and their position angle, rad;
-#: - first, last, units: (r,) runs of triangle rows that vote (of cells, until all are chosen), and
-#:   the azimuth to take from theirs;
+#: - intensity, own_intensity: (c,) theirs and the main star's, 0 = not known or not asked for;
+#: - first, last, units, orders: (r,) runs of triangle rows that vote (of cells, until all are
+#:   chosen), the azimuth to take from theirs, and of which orders of brightness (`votes.Reading`);
 #: - n_runs: how many;
 #: - companion, guide, log_ratio, roll, slack: (m,) members of a cell: places among the companions
 #:   and in the guide star's fan, log of observed over catalogue separation, roll from the middle
 #:   of the cell, and the tolerance of both.
 FanType, Fan = struct("Fan", __name__, (
-    "star", "separation", "log_separation", "azimuth", "first", "last", "units", "n_runs",
-    "companion", "guide", "log_ratio", "roll", "slack",
+    "star", "separation", "log_separation", "azimuth", "intensity", "own_intensity", "first",
+    "last", "units", "orders", "n_runs", "companion", "guide", "log_ratio", "roll", "slack",
 ))
 
 
@@ -64,16 +81,22 @@ def empty_fan(most: int) -> Any:
     """Return room for so many companions."""
     return Fan(
         np.empty(most, np.int64), np.empty(most), np.empty(most), np.empty(most),
+        np.empty(most), 0.0,
         np.empty(_MOST_CELLS, np.int64), np.empty(_MOST_CELLS, np.int64),
-        np.empty(_MOST_CELLS, np.int64), 0,
+        np.empty(_MOST_CELLS, np.int64), np.empty(_MOST_CELLS, np.int64), 0,
         np.empty(MEMBERS, np.int64), np.empty(MEMBERS, np.int64), np.empty(MEMBERS),
         np.empty(MEMBERS), np.empty(MEMBERS),
     )
 
 
 @compiled
-def spread(frame: Any, main: int, most: int, fan: Any) -> int:
-    """Find the nearest companions of a main star, at most `most`; return their number."""
+def spread(frame: Any, main: int, most: int, fan: Any, in_order: bool) -> int:
+    """Find the nearest companions of a main star, at most `most`; return their number.
+
+    Only triangles of their order of brightness are chosen where `in_order` and that is known.
+    """
+    in_order = in_order and frame.has_brightness
+    fan.own_intensity = frame.intensity[main] if in_order else 0.0
     n = nearest(frame, main, most, fan.star, fan.separation)
     vectors, star, separation = frame.vectors, fan.star, fan.separation
     v = vectors[main]
@@ -82,18 +105,20 @@ def spread(frame: Any, main: int, most: int, fan: Any) -> int:
         separation[i] = max(2 * np.arcsin(min(1.0, 0.5 * np.sqrt(separation[i]))), 1e-9)
         fan.log_separation[i] = np.log(separation[i])
         fan.azimuth[i] = angle_in_image(v, u)
+        fan.intensity[i] = frame.intensity[star[i]] if in_order else 0.0
     return n
 
 
 @compiled
 def cast_by_shape(engine: Any, threshold: int) -> None:
     """Let the chosen triangles vote."""
-    fan, votes, main_azimuth = engine.fan, engine.votes, engine.triangles.main_azimuth
-    first, last, units = fan.first, fan.last, fan.units
+    fan, votes, rows = engine.fan, engine.votes, engine.triangles.rows
+    first, last = fan.first, fan.last
     for run in range(fan.n_runs):
         if run & _LOOK_AT_CLOCK == _LOOK_AT_CLOCK and late(engine.progress[0]):
             break
-        vote_rows(main_azimuth, votes, (first[run], last[run]), units[run], threshold)
+        reading = Reading(fan.units[run], MAIN_BITS, fan.orders[run])
+        vote_rows(rows, votes, (first[run], last[run]), reading, threshold)
     count_waiting(votes, threshold)
 
 
@@ -103,21 +128,19 @@ def choose_runs(engine: Any, begin: int, end: int, tolerance_rad: float) -> int:
 
     Returns how many rows there are.
     """
-    fan, cell_start, main_azimuth = (
-        engine.fan, engine.triangles.cell_start, engine.triangles.main_azimuth
-    )
+    fan, cell_start, rows = engine.fan, engine.triangles.cell_start, engine.triangles.rows
     n_cells = 0
     for j in range(begin, end):
         for i in range(j):
             n_cells = _choose_cells(engine, i, j, tolerance_rad, n_cells)
-    first, last, units = fan.first, fan.last, fan.units
+    first, last, units, orders = fan.first, fan.last, fan.units, fan.orders
     n, total = 0, 0
     for run in range(n_cells):
         row, row_end = cell_start[first[run]], cell_start[last[run]]
         if row_end > row and n < _MOST_RUNS:
-            prefetch(main_azimuth, row)
-            prefetch(main_azimuth, row_end - 1)
-            first[n], last[n], units[n] = row, row_end, units[run]
+            prefetch(rows, row)
+            prefetch(rows, row_end - 1)
+            first[n], last[n], units[n], orders[n] = row, row_end, units[run], orders[run]
             n += 1
             total += row_end - row
     fan.n_runs = n
@@ -147,6 +170,7 @@ def _choose_cells(engine: Any, i: int, j: int, tolerance_rad: float, n: int) -> 
     turn = (fan.azimuth[j] - fan.azimuth[i]) % (2 * np.pi)
     turns = int(np.floor((turn - vague) * to_cells)), int(np.floor((turn + vague) * to_cells))
     units = int(np.floor(fan.azimuth[j] * (AZIMUTH_UNITS / (2 * np.pi)))) & (AZIMUTH_UNITS - 1)
+    orders = _orders(fan, i, j)
     for at_ratio in range(ratios[0], ratios[1] + 1):
         for at_angle in range(turns[0], turns[1] + 1):
             if n == len(fan.first):
@@ -155,9 +179,29 @@ def _choose_cells(engine: Any, i: int, j: int, tolerance_rad: float, n: int) -> 
             first, last = cell + sizes[0], cell + sizes[1] + 1
             prefetch(table.cell_start, first)
             prefetch(table.cell_start, last)
-            fan.first[n], fan.last[n], fan.units[n] = first, last, units
+            fan.first[n], fan.last[n], fan.units[n], fan.orders[n] = first, last, units, orders
             n += 1
     return n
+
+
+@inlined
+def _orders(fan: Any, i: int, j: int) -> int:
+    """Return in which orders of brightness the triangle of companions i and j may stand."""
+    main, first, second = fan.own_intensity, fan.intensity[i], fan.intensity[j]
+    return (
+        _orders_of_two(main, first, 0) & _orders_of_two(main, second, 1)
+        & _orders_of_two(first, second, 2)
+    )
+
+
+@inlined
+def _orders_of_two(one: float, other: float, bit: int) -> int:
+    """Return the orders that two intensities allow; any where one of them is not known."""
+    if one > _SURELY_BRIGHTER * other and other > 0.0:
+        return _BRIGHTER[bit]
+    if other > _SURELY_BRIGHTER * one and one > 0.0:
+        return _FAINTER[bit]
+    return ANY_ORDER
 
 
 @compiled

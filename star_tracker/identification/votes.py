@@ -6,11 +6,13 @@ bits of a few words, the first word holding the lowest digit of each, so that th
 fit into the fastest memory.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from star_tracker.catalogue.pairs import AZIMUTH_BITS, AZIMUTH_UNITS, first_row
+from star_tracker.catalogue.triangles import ORDER_BITS
 from star_tracker.compiled import compiled, inlined, prefetch, struct
 from star_tracker.geometry.spherical import Floats
 from star_tracker.identification.progress import late
@@ -34,6 +36,9 @@ _BY_CHANCE = 150.0
 #: negative, and counts from the end as in Python, takes a fifth of a vote's time to find out.
 _WAITING = 256
 _STAR_BITS = np.uint64(ROLL_BITS)
+#: Rows of any order of brightness vote (`triangles.ORDER_BITS`); pairs have none.
+_LAST_ORDER = (1 << ORDER_BITS) - 1
+ANY_ORDER = (1 << _LAST_ORDER + 1) - 1
 #: Votes of one main star are bounded, but so many companions vote in any case.
 _MOST_VOTES, _FEWEST_COMPANIONS = 100_000, 3
 
@@ -145,6 +150,20 @@ def choose_rows(
     return n_companions, total
 
 
+class Reading(NamedTuple):
+    """How a row's vote is read.
+
+    Attributes:
+        azimuth: position angle of the companion in the frame, in units.
+        main_bits: the guide star stands above so many bits of a row.
+        orders: bit i is set where rows with the number i above their position angle vote.
+    """
+
+    azimuth: int
+    main_bits: int
+    orders: int
+
+
 @compiled
 def cast(pairs: Any, votes: Any, n_companions: int, threshold: int, progress: Any) -> None:
     """Let the nearest companions vote; cells that reach the threshold join `reached`.
@@ -156,30 +175,34 @@ def cast(pairs: Any, votes: Any, n_companions: int, threshold: int, progress: An
         if late(progress):
             break
         rows = votes.first[i], votes.last[i]
-        vote_rows(main_azimuth, votes, rows, votes.azimuth[i], threshold)
+        reading = Reading(votes.azimuth[i], AZIMUTH_BITS, ANY_ORDER)
+        vote_rows(main_azimuth, votes, rows, reading, threshold)
     count_waiting(votes, threshold)
 
 
 @compiled
 def vote_rows(
-    main_azimuth: Any, votes: Any, rows: tuple[int, int], azimuth: int, threshold: int
+    table: NDArray[np.int32], votes: Any, rows: tuple[int, int], reading: Reading, threshold: int
 ) -> None:
-    """Let rows first to last vote for their guide star at the roll that takes `azimuth` there.
+    """Let rows first to last vote for their guide star at the roll that takes the azimuth there.
 
-    The votes wait until many are there, or `count_waiting` is called: rows lie far apart in
-    memory, and so many are on their way at once.
+    `table` is that of pairs or of triangles. The votes wait until many are there, or
+    `count_waiting` is called: rows lie far apart in memory, and so many are on their way at once.
     """
     waiting, n, low = votes.waiting, np.uint64(votes.n_waiting), votes.low
+    azimuth = reading.azimuth
     for row in range(np.uint64(rows[0]), np.uint64(rows[1])):
         if n == _WAITING:
             votes.n_waiting = _WAITING
             count_waiting(votes, threshold)
             n = _NONE
-        coded = np.int64(main_azimuth[row])
-        star, roll = coded >> AZIMUTH_BITS, (coded - azimuth) & (AZIMUTH_UNITS - 1)
+        coded = np.int64(table[row])
+        star, roll = coded >> reading.main_bits, (coded - azimuth) & (AZIMUTH_UNITS - 1)
         waiting[n] = np.uint64((star << ROLL_BITS) | (roll >> ROLL_SHIFT))
-        prefetch(low, _LOW_WORDS * star)
-        n += _ONE
+        # Without a branch, which could not be foreseen: what does not vote is overwritten.
+        voting = (reading.orders >> ((coded >> AZIMUTH_BITS) & _LAST_ORDER)) & 1
+        prefetch(low, _LOW_WORDS * star * voting)
+        n += np.uint64(voting)
     votes.n_waiting = np.int64(n)
 
 

@@ -34,14 +34,14 @@ _FAR = 1e30
 #: - mains: (room,) indices in the order in which stars are tried as main star;
 #: - column: (`COLUMNS` + 1,) the first centroid of each of as many strips of the image, which all
 #:   are as wide as `strip_px`, from the leftmost centroid on;
-#: - magnitude: (room,) instrumental magnitudes, NaN = not known;
-#: - usual: (room,) how usual each of them is (`identification/brightness.py`), once
-#:   `usual_is_known`;
+#: - intensity: (room,) larger = brighter, on any linear scale, 0 = not known;
+#: - magnitude, usual: (room,) the same as instrumental magnitudes, NaN = not known, and how usual
+#:   each of them is; both once `usual_is_known` (`identification/brightness.py`);
 #: - has_brightness: whether intensities were given;
 #: - points, input_row, key, near: room for sorting.
 FrameType, Frame = struct("Frame", __name__, (
-    "n", "vectors", "scale", "plane_px", "row", "mains", "column", "strip_px", "magnitude",
-    "usual", "usual_is_known", "has_brightness", "points", "input_row", "key", "near",
+    "n", "vectors", "scale", "plane_px", "row", "mains", "column", "strip_px", "intensity",
+    "magnitude", "usual", "usual_is_known", "has_brightness", "points", "input_row", "key", "near",
 ))
 
 
@@ -52,7 +52,7 @@ def empty_frame(vectors: Floats) -> Any:
     return Frame(
         0, vectors, 1.0, np.empty((room, 2)), np.empty(room, np.int64),
         np.empty(room, np.int64), np.zeros(COLUMNS + 1, np.int64), 1.0, np.empty(room),
-        np.empty(room), False, False,
+        np.empty(room), np.empty(room), False, False,
         np.empty((room, 2)), np.empty(room, np.int64), np.empty(room), np.empty((5, room)),
     )
 
@@ -78,10 +78,9 @@ def fill_frame(frame: Any, optics: Floats, xy_px: Floats, intensity: Floats) -> 
         row[i] = input_row[row[i]]
     _lay_strips(frame)
     if frame.has_brightness:
-        magnitude = frame.magnitude
         for i in range(n):
             value = intensity[row[i]]
-            magnitude[i] = -2.5 * np.log10(value) if 0.0 < value < np.inf else np.nan
+            frame.intensity[i] = value if 0.0 < value < np.inf else 0.0
     _order_mains(frame)
 
 
@@ -157,7 +156,7 @@ def _order_mains(frame: Any) -> None:
     Those too close for a good position angle count as if they were farther. Bright stars are less
     likely to be false.
     """
-    n, magnitude, key = frame.n, frame.magnitude, frame.key
+    n, intensity, key = frame.n, frame.intensity, frame.key
     if n <= _FEW:
         _reach_of_few(frame)
     else:
@@ -166,7 +165,7 @@ def _order_mains(frame: Any) -> None:
         for i in range(n):
             brighter = 0
             for j in range(n):
-                brighter += not magnitude[j] >= magnitude[i]
+                brighter += intensity[j] > intensity[i]
             key[i] *= 1.0 + brighter / n
     ascending(frame.mains, key, n)
 

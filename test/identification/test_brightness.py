@@ -5,11 +5,11 @@ import re
 
 import numpy as np
 import pytest
-from engines import CAMERA, PLACES, ROTATION, Bench, catalog_of, of_brightness
+from engines import CAMERA, PLACES, ROTATION, Bench, catalog_of, match_lists, of_brightness
 from solutions import intensity_of, record
 
 from star_tracker.catalogue.database import FeatureDatabase
-from star_tracker.identification.brightness import with_brightness
+from star_tracker.identification.brightness import with_brightness, write_magnitudes
 from star_tracker.maps.simulation import uniform_noise
 from star_tracker.solution import Status
 
@@ -52,6 +52,12 @@ def test_a_frame_whose_places_leave_no_doubt_has_no_need_of_them(tracker, frame)
     assert without.log10_false_alarms < -60
 
 
+def test_magnitudes_of_intensities():
+    magnitude = np.empty(3)
+    write_magnitudes(np.array([100.0, 0.0, 1.0]), 3, magnitude)
+    np.testing.assert_allclose(magnitude, [-5, math.nan, 0])
+
+
 @pytest.mark.parametrize("shuffled", [False, True])
 @pytest.mark.parametrize(("n_false", "plenty"), [(0, 40.0), (60, 0.8 * 70)])
 def test_more_evidence_of_places_is_never_less_in_all(shuffled, n_false, plenty):
@@ -63,9 +69,10 @@ def test_more_evidence_of_places_is_never_less_in_all(shuffled, n_false, plenty)
     seen = np.concatenate([rng.permutation(v_mag) if shuffled else v_mag, np.full(n_false, 6.0)])
     bench.show(np.concatenate([PLACES, uniform_noise(CAMERA, n_false, rng)]), 10 ** (-0.4 * seen))
     assert bench.matched()[0][:10] == list(range(10))
+    lists = match_lists(bench.matches)[:2]
     places = np.arange(-20.0, 100.0, 0.25)
     both = np.array([
-        with_brightness(score, bench.frame, v_mag, bench.matches, 10) for score in places
+        with_brightness(score, bench.frame, v_mag, lists, 10) for score in places
     ])
     assert np.all(np.diff(both) >= 0)
     np.testing.assert_array_equal(both[places >= plenty], places[places >= plenty])

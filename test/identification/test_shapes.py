@@ -54,6 +54,11 @@ def runs_of(fan):
 
 
 @compiled
+def orders_of(fan):
+    return fan.orders[: fan.n_runs]
+
+
+@compiled
 def room_lists(room):
     return room.observed, room.catalog
 
@@ -81,7 +86,7 @@ def seen(bench, database, scale, rng):
 
 def voted(bench, main, most=COMPANIONS):
     """Let all triangles of a main star vote: companions, cells best first."""
-    n_fan = spread(bench.frame, main, most, bench.fan)
+    n_fan = spread(bench.frame, main, most, bench.fan, in_order=False)
     choose_runs(bench.engine, 0, n_fan, TOLERANCE)
     cast_by_shape(bench.engine, 3)
     cells, scores = np.empty(64, np.int64), np.empty(64, np.int64)
@@ -101,7 +106,7 @@ def test_a_triangle_that_is_larger_than_any_of_the_catalogue_has_no_rows(databas
         (0, 0), (near, 0), (far * math.cos(turn), far * math.sin(turn)), (-480, 480), (-480, -480)
     ]))
     main = central(bench)
-    assert spread(bench.frame, main, 2, bench.fan) == 2
+    assert spread(bench.frame, main, 2, bench.fan, in_order=True) == 2
     ratio = bench.fan.log_separation[1] - bench.fan.log_separation[0]
     assert RATIO_LOW + RATIO_RANGE - 0.05 < ratio < RATIO_LOW + RATIO_RANGE
     assert choose_runs(bench.engine, 0, 2, 1e-4) == 0
@@ -118,7 +123,7 @@ def test_companions_are_the_nearest_stars_with_their_places(bench, database, mos
     vectors = bench.centroids.vectors
     star = fan_lists(bench.fan)[0]
     for main in range(len(vectors)):
-        n = spread(bench.frame, main, most, bench.fan)
+        n = spread(bench.frame, main, most, bench.fan, in_order=False)
         apart = np.array(separation(vectors, vectors[main]))
         near = np.argsort(apart)[1 : most + 1]
         np.testing.assert_array_equal(star[:n], near)
@@ -195,7 +200,7 @@ def test_the_triangles_of_the_sky_are_among_those_that_vote(bench, database):
     for scale in SCALES:
         _, truth = seen(bench, database, scale, rng)
         for main, true in enumerate(truth):
-            for j in range(1, spread(bench.frame, main, 6, bench.fan)):
+            for j in range(1, spread(bench.frame, main, 6, bench.fan, in_order=True)):
                 rows = choose_runs(bench.engine, j, j + 1, TOLERANCE)
                 first, last = runs_of(bench.fan)
                 assert rows == np.sum(last - first)
@@ -203,11 +208,70 @@ def test_the_triangles_of_the_sky_are_among_those_that_vote(bench, database):
                 if not any(shape_is_kept(table, true, truth[star[i]], second) for i in range(j)):
                     continue
                 turn = float(position_angle(sky[true], sky[second])) / (2 * np.pi)
-                code = true * 256 + math.floor(turn * 256)
-                chosen = [table.main_azimuth[a:b] for a, b in zip(first, last, strict=True)]
-                assert code in np.concatenate(chosen)
+                chosen = np.concatenate(
+                    [table.rows[a:b] for a, b in zip(first, last, strict=True)]
+                )
+                units = math.floor(turn * 256)
+                assert np.any((chosen >> 11 == true) & (chosen % 256 == units))
                 n_found += 1
     assert n_found > 100
+
+
+@pytest.mark.parametrize(("mags", "allowed"), [
+    # Main star, first and second companion: main < first, main < second, first < second.
+    ((1.0, 2.0, 3.0), {0b111}), ((3.0, 2.0, 1.0), {0b000}), ((2.0, 1.0, 3.0), {0b110}),
+    ((2.0, 3.0, 1.0), {0b001}), ((1.0, 3.0, 2.0), {0b011}), ((3.0, 1.0, 2.0), {0b100}),
+    ((1.0, 2.0, 2.4), {0b011, 0b111}), ((1.0, 1.4, 1.2), set(range(8))),
+    ((1.0, 2.0, math.nan), {0b001, 0b011, 0b101, 0b111}), ((math.nan, 1.0, 1.6), {4, 5, 6, 7}),
+    ((1.0, 1.49, 1.51), {0b010, 0b011, 0b110, 0b111}),
+])
+@pytest.mark.parametrize("in_order", [True, False])
+def test_triangles_stand_in_the_order_of_brightness_that_the_frame_shows(
+    bench, mags, allowed, in_order
+):
+    """Of stars that differ by half a magnitude or more; a companion's place tells which it is."""
+    near_to_far = [(500.0, 500), (560, 520), (480, 620), (900, 100), (60, 900)]
+    intensity = 10 ** (-0.4 * np.array([*mags, 9.0, 9.0]))
+    bench.show(near_to_far, intensity)
+    main = int(bench.places([0])[0])
+    assert spread(bench.frame, main, 2, bench.fan, in_order) == 2
+    assert choose_runs(bench.engine, 0, 2, TOLERANCE) > 0
+    orders = set(orders_of(bench.fan).tolist())
+    assert orders == {sum(1 << order for order in (allowed if in_order else range(8)))}
+
+
+def test_the_true_triangles_are_among_those_of_their_order(database):
+    """With magnitudes that are 0.1 mag off as with exact ones."""
+    rng = np.random.default_rng(8)
+    v_mag = rng.uniform(1.0, 6.0, 800)
+    sky = FeatureDatabase.build(
+        catalog_of(database.catalog.vectors, v_mag), triangle_grid=database.triangle_grid
+    )
+    bench = Bench(sky, CAMERA, prior=scale_prior(10.0))
+    n_found = n_kept = n_all = 0
+    for _ in range(8):
+        index, pixels = visible_stars(sky.catalog, CAMERA, random_rotation(rng))
+        bench.show(pixels, 10 ** (-0.4 * (v_mag[index] + rng.normal(0, 0.1, len(index)))))
+        truth, star = index[bench.centroids.row], fan_lists(bench.fan)[0]
+        for main, true in enumerate(truth):
+            for j in range(1, spread(bench.frame, main, 6, bench.fan, in_order=True)):
+                choose_runs(bench.engine, j, j + 1, TOLERANCE)
+                first, last = runs_of(bench.fan)
+                rows = [sky.triangles.rows[a:b] for a, b in zip(first, last, strict=True)]
+                wanted = np.repeat(orders_of(bench.fan), last - first)
+                rows = np.concatenate([*rows, np.empty(0, np.int32)])
+                kept = rows[wanted >> (rows >> 8 & 7) & 1 == 1]
+                n_all, n_kept = n_all + len(rows), n_kept + len(kept)
+                second = truth[star[j]]
+                partners = [
+                    truth[star[i]] for i in range(j)
+                    if shape_is_kept(sky.triangles, true, truth[star[i]], second)
+                ]
+                if len(partners) == j:
+                    assert np.sum(kept >> 11 == true) >= j
+                    n_found += 1
+    assert n_found > 50
+    assert n_kept < 0.4 * n_all
 
 
 def listed(bench, members, star=0):
@@ -316,6 +380,6 @@ def test_noise_is_searched_to_its_end_and_nothing_is_certain(database):
 
 def test_a_frame_of_two_stars_has_no_triangle(bench):
     bench.show([(100.0, 100), (300, 200)])
-    assert spread(bench.frame, 0, 12, bench.fan) == 1
+    assert spread(bench.frame, 0, 12, bench.fan, in_order=True) == 1
     assert choose_runs(bench.engine, 0, 1, TOLERANCE) == 0
     assert centroids_of(bench.frame).n == 2

@@ -20,7 +20,9 @@ from star_tracker.catalogue.pairs import PairTable
 from star_tracker.geometry.spherical import separation
 from star_tracker.identification.fallback import StarField
 from star_tracker.identification.votes import (
+    ANY_ORDER,
     ROLL_BINS,
+    Reading,
     cast,
     choose_rows,
     clear,
@@ -135,7 +137,8 @@ def let_vote(table, votes, begin, end, threshold):
     """Let companions vote; return the cells that have reached the threshold so far."""
     for i in range(begin, end):
         rows = int(votes.first[i]), int(votes.last[i])
-        vote_rows(table.main_azimuth, votes, rows, int(votes.azimuth[i]), threshold)
+        reading = Reading(int(votes.azimuth[i]), 8, ANY_ORDER)
+        vote_rows(table.main_azimuth, votes, rows, reading, threshold)
     count_waiting(votes, threshold)
     return votes.reached[: votes.n_reached].tolist()
 
@@ -164,6 +167,22 @@ def test_counts_agree_with_numpy_for_random_rows(seed):
     let_vote(table, votes, half, n_companions, 4)
     expected = naive_counts(table, votes, 0, n_companions)
     assert 3 < expected.max() < 64
+    np.testing.assert_array_equal(counts(votes), expected)
+
+
+@pytest.mark.parametrize("orders", [0b1, 0b10100110, 0b10000000, ANY_ORDER, 0])
+def test_only_rows_of_the_orders_that_are_asked_for_vote(orders):
+    rng = np.random.default_rng(21)
+    main, order = rng.integers(0, 30, 3000), rng.integers(0, 8, 3000)
+    rows = ((main * 8 + order) * 256 + rng.integers(0, 256, 3000)).astype(np.int32)
+    votes = empty_votes(30, 1)
+    vote_rows(rows, votes, (5, 2900), Reading(40, 11, orders), 4)
+    count_waiting(votes, 4)
+    voting = np.arange(5, 2900)[[orders >> one & 1 == 1 for one in order[5:2900]]]
+    expected = np.zeros((30, ROLL_BINS), int)
+    roll = (rows[voting] % 256 - 40) % 256 // 4
+    np.add.at(expected, (main[voting], roll), 1)
+    np.add.at(expected, (main[voting], (roll + 1) % ROLL_BINS), 1)
     np.testing.assert_array_equal(counts(votes), expected)
 
 
