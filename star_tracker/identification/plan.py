@@ -51,10 +51,11 @@ class Level(NamedTuple):
 LEVEL = np.dtype(list(get_type_hints(Level).items()))
 #: Most cells of a main star in a full search by shape.
 MOST_SHAPE_CELLS = 64
-#: In frames of so many centroids, nearly all of them false, the nearest few companions of a star
-#: hardly have a true one among them: more of them vote before the full search. With 15 times as
-#: many false stars as true ones four of 64 are true, enough to stand out in every second star.
-FULL_OF_FALSE, _MANY_COMPANIONS = 250, 64
+#: In frames of so many times the centroids that a field shows, nearly all of them false, the
+#: nearest few companions of a star hardly have a true one among them: more of them vote before the
+#: full search. With 15 times as many false stars as true ones four of 64 are true, enough to stand
+#: out in every second star.
+FULL_OF_FALSE, _MANY_COMPANIONS = 4.0, 64
 #: Frames with so many times the centroids that an average field shows have false ones: noise can
 #: wait then.
 _MORE_THAN_EXPECTED = 1.4
@@ -78,7 +79,7 @@ def levels(
         turns = zip(full, _full_by_shape(settings), strict=True)
         full = [level for turn in turns for level in turn]
     else:
-        full = [_among_false(settings), *full]
+        full = [_among_false(settings, n_expected), *full]
     told = np.array(quick + full, LEVEL)
     told["pause"] = False  # one camera has nobody to wait for
     return told
@@ -124,10 +125,10 @@ def _short(tolerance_px: float, companions: int, mains: int, batch: int, cells: 
     )
 
 
-def _among_false(settings: MatchGroupSettings) -> Level:
+def _among_false(settings: MatchGroupSettings, n_expected: float) -> Level:
     """Return the level of frames that are full of false stars."""
-    first = settings.pair_tolerance_px[0]
-    return _by_separation(first, _MANY_COMPANIONS, settings)._replace(least_n=FULL_OF_FALSE)
+    first, least_n = settings.pair_tolerance_px[0], round(FULL_OF_FALSE * n_expected)
+    return _by_separation(first, _MANY_COMPANIONS, settings)._replace(least_n=least_n)
 
 
 def _full_by_separation(settings: MatchGroupSettings) -> list[Level]:

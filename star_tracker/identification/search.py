@@ -40,6 +40,8 @@ _PROMISING, _BEYOND_DOUBT, LOOK_FARTHER_PX = -1.0, 16.0, 6.0
 _FEWEST_CELLS, _CELLS_OF_A_LEVEL = 6, 480
 #: Decades of evidence a centroid without which the search does not end at once.
 _NEEDED_A_STAR = 0.7
+#: More centroids than so many times the guide stars in view are false, and owe no evidence.
+_MOST_OWING = 3
 #: The part of its centroids or of its guide stars that a pose shows which ends the search at once.
 _MOST = 2 / 3
 #: Matches that fix a pose wherever they are.
@@ -113,18 +115,19 @@ def certain(progress: Any, limits: Limits, n: int) -> bool:
     # that has much may be such a cluster too, where it leaves out many of the centroids and of the
     # guide stars in its view: eleven Pleiades and a chance neighbour had 21 decades, and a roll
     # that was 1.5 deg off.
-    score, n_matched = progress.score, progress.n_matched
-    needed = max(limits.certain, _NEEDED_A_STAR * n)
+    score, n_matched, n_in_view = progress.score, progress.n_matched, progress.n_in_view
+    n_owing = min(n, _MOST_OWING * n_in_view)
+    needed = max(limits.certain, _NEEDED_A_STAR * n_owing)
     if 2 * n_matched < n:
         needed = max(needed, _BEYOND_DOUBT)
-    if score > needed and n_matched >= min(_MANY_MATCHED, _MOST * min(n, progress.n_in_view)):
+    if score > needed and n_matched >= min(_MANY_MATCHED, _MOST * min(n, n_in_view)):
         return True
-    # Among hundreds of false stars nothing has that much. There a pose is sure that shows most of
-    # the guide stars in its view, and many.
-    matched = max(0.5 * progress.n_in_view, _MANY_MATCHED)
-    if n >= FULL_OF_FALSE and score > 2 * _BEYOND_DOUBT and n_matched >= matched:
+    # Where four of five centroids are false less is enough for a pose that shows most of the guide
+    # stars in its view, and many.
+    matched = max(0.5 * n_in_view, _MANY_MATCHED)
+    if n >= FULL_OF_FALSE * n_in_view and score > 2 * _BEYOND_DOUBT and n_matched >= matched:
         return True
-    enough = max(limits.enough, 0.5 * _NEEDED_A_STAR * n)
+    enough = max(limits.enough, 0.5 * _NEEDED_A_STAR * n_owing)
     return score > enough and progress.n_since_best > limits.second_look
 
 

@@ -5,7 +5,7 @@ the machine.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,9 +13,12 @@ from wrong_solutions import KINDS, NO_SKY, Asked, outcomes
 
 from star_tracker.attitude.attitude import covariance
 from star_tracker.geometry.spherical import separation
+from star_tracker.maps import simulation
 from star_tracker.maps.simulation import (
+    CORRECT_DEG,
     Condition,
     SyntheticField,
+    boresight_angle_deg,
     random_rotation,
     synthetic_field,
     uniform_noise,
@@ -70,6 +73,25 @@ def frames(database, trackers):
 
 def solved(frames):
     return [frame for frame in frames if frame.solution.status is Status.SOLVED]
+
+
+def test_six_times_as_many_false_stars_as_true_ones_do_not_need_the_full_search(database):
+    """It compares more than 10 million pairs; 64 companions of each star make 3 million."""
+    camera = simulation.CAMERAS["12 deg"]
+    tracker = StarTracker(database, camera, replace(PATIENT, method="match_group"))
+    views = list(simulation.frames(
+        database.catalog, camera, Condition(noise_px=NOISE_PX, false_stars=6.0), 20,
+        np.random.SeedSequence(5),
+    ))
+    found = [tracker.solve(view.xy_px) for view in views]
+    assert sum(one.n_hypotheses < 4e6 for one in found) >= 16
+    answers = [
+        (view, one) for view, one in zip(views, found, strict=True)
+        if one.status is Status.SOLVED
+    ]
+    assert len(answers) >= 19
+    for view, one in answers:
+        assert boresight_angle_deg(one.attitude.rotation, view.rotation) < CORRECT_DEG
 
 
 @pytest.mark.parametrize(("fov", "fraction"), [(12, 0.995), (20, 1.0)])
