@@ -108,10 +108,17 @@ def _quick(settings: MatchGroupSettings, n_expected: float) -> list[Level]:
 
 
 def _quick_of_any_scale(settings: MatchGroupSettings) -> list[Level]:
-    """Return the levels of a quick search at a scale that is not told."""
+    """Return the levels of a quick search at a scale that is not told.
+
+    There the triangles of all sizes vote, in proportion to the square of the tolerance: half of it
+    comes first, which is that of centroids good to half a pixel, and with it many companions, as
+    there may be false ones among them.
+    """
     first, second = _tolerances(settings)
+    tight = 0.5 * first
     return [
-        _short(first, companions=6, mains=3, batch=6, cells=8)._replace(pause=True),
+        _short(tight, companions=6, mains=2, batch=6, cells=8),
+        _short(tight, companions=14, mains=4, batch=14, cells=24)._replace(pause=True),
         _short(first, companions=12, mains=6, batch=12, cells=24),
         _short(second, companions=12, mains=4, batch=12, cells=48)._replace(worth=2.5, pause=True),
     ] * settings.quick
