@@ -26,7 +26,8 @@ def sightings(camera, n, **options):
 def test_focal_length_and_lens_come_out_within_their_errors():
     plain = Camera.from_fov(40.0, *SIZE_PX)
     true = Camera(*SIZE_PX, plain.fx_px, plain.fy_px, plain.cx_px, plain.cy_px, "normal", BENT)
-    found = calibrate_frames(tracker(), sightings(true, 8, seed=11, least=20))
+    # The first of these frames alone does not show the lens.
+    found = calibrate_frames(tracker(), sightings(true, 8, seed=13, least=20))
     camera, errors = found.estimate.camera, found.estimate.standard_errors
     assert found.used.all()
     assert abs(np.log(camera.fx_px / true.fx_px)) < 4 * errors[0] < 2e-3
