@@ -190,7 +190,7 @@ def vote_rows(
     `count_waiting` is called: rows lie far apart in memory, and so many are on their way at once.
     """
     waiting, n, low = votes.waiting, np.uint64(votes.n_waiting), votes.low
-    azimuth = reading.azimuth
+    azimuth, every = reading.azimuth, reading.orders == ANY_ORDER
     for row in range(np.uint64(rows[0]), np.uint64(rows[1])):
         if n == _WAITING:
             votes.n_waiting = _WAITING
@@ -199,6 +199,10 @@ def vote_rows(
         coded = np.int64(table[row])
         star, roll = coded >> reading.main_bits, (coded - azimuth) & (AZIMUTH_UNITS - 1)
         waiting[n] = np.uint64((star << ROLL_BITS) | (roll >> ROLL_SHIFT))
+        if every:
+            prefetch(low, _LOW_WORDS * star)
+            n += _ONE
+            continue
         # Without a branch, which could not be foreseen: what does not vote is overwritten.
         voting = (reading.orders >> ((coded >> AZIMUTH_BITS) & _LAST_ORDER)) & 1
         prefetch(low, _LOW_WORDS * star * voting)
