@@ -101,7 +101,7 @@ class TriangleTable(NamedTuple):
 
         0 is automatic: 20, and fewer for more than 42,000 stars.
         """
-        n = len(vectors)
+        n, v_mag = len(vectors), np.ascontiguousarray(v_mag, float)
         n_companions = n_companions or int(
             np.clip(np.sqrt(MOST_TRIANGLES / max(n, 1)), _FEWEST_COMPANIONS, COMPANIONS)
         )
@@ -119,14 +119,13 @@ class TriangleTable(NamedTuple):
             log_apart = np.log(apart)
         log_spacing = 0.5 * float(np.log(4.0 / n))
         count = np.zeros(grid.n_cells + 1, np.int32)
-        fans = Fans(
-            log_apart - log_spacing, angle, azimuth_units(angle), np.asarray(v_mag, float),
-            v_mag[near],
+        stars = _Neighbours(
+            log_apart - log_spacing, angle, azimuth_units(angle), v_mag, v_mag[near]
         )
-        _sort_by_shape(fans, grid, (count[1:], np.empty(0, np.int32)))
+        _sort_by_shape(stars, grid, (count[1:], np.empty(0, np.int32)))
         start = np.cumsum(count, dtype=np.int32)
         rows = np.empty(start[-1], np.int32)
-        _sort_by_shape(fans, grid, (start[:-1].copy(), rows))
+        _sort_by_shape(stars, grid, (start[:-1].copy(), rows))
         return cls(
             grid, start, log_spacing, rows,
             log_apart.astype(np.float32), angle.astype(np.float32), near.astype(np.int32),
@@ -134,12 +133,12 @@ class TriangleTable(NamedTuple):
 
 
 @inlined
-def brightness_order(main: float, first: float, second: float) -> int:
+def _brightness_order(main: float, first: float, second: float) -> int:
     """Return the order of three magnitudes, as `ORDER_BITS` of a row."""
     return (main < first) | ((main < second) << 1) | ((first < second) << 2)
 
 
-class Fans(NamedTuple):
+class _Neighbours(NamedTuple):
     """The guide stars (n,) and the nearest companions of each (n, c).
 
     Attributes:
@@ -159,7 +158,7 @@ class Fans(NamedTuple):
 
 @compiled
 def _sort_by_shape(
-    fans: Fans, grid: Grid, sorted_rows: tuple[NDArray[np.int32], NDArray[np.int32]]
+    stars: _Neighbours, grid: Grid, sorted_rows: tuple[NDArray[np.int32], NDArray[np.int32]]
 ) -> None:
     """Count the triangles of each cell, or sort them into their cells.
 
@@ -169,14 +168,14 @@ def _sort_by_shape(
     at, rows = sorted_rows
     counts_only = len(rows) == 0
     ratio_step, size_step = RATIO_RANGE / grid.ratios, SIZE_RANGE / grid.sizes
-    n, n_companions = fans.log_size.shape
+    n, n_companions = stars.log_size.shape
     for main in range(n):
-        own, own_angle, mag = fans.log_size[main], fans.angle[main], fans.mag[main]
+        own, own_angle, mag = stars.log_size[main], stars.angle[main], stars.mag[main]
         for second in range(n_companions):
             size = np.floor((own[second] - SIZE_LOW) / size_step)
             if not 0 <= size < grid.sizes:
                 continue
-            row = (main << MAIN_BITS) | fans.units[main, second]
+            row = (main << MAIN_BITS) | stars.units[main, second]
             for first in range(n_companions):
                 ratio = (own[second] - own[first] - RATIO_LOW) / ratio_step
                 if ratio < 0:
@@ -189,6 +188,6 @@ def _sort_by_shape(
                 around = min(int(turn * (grid.angles / (2 * np.pi))), grid.angles - 1)
                 cell = (int(ratio) * grid.angles + around) * grid.sizes + int(size)
                 if not counts_only:
-                    order = brightness_order(fans.own_mag[main], mag[first], mag[second])
+                    order = _brightness_order(stars.own_mag[main], mag[first], mag[second])
                     rows[at[cell]] = np.int32(row | (order << AZIMUTH_BITS))
                 at[cell] += 1
