@@ -7,7 +7,8 @@ lens, planets), in equal parts for both cameras, and counts wrong solutions: off
 one of 10,000 frames; of what shows no sky every one. `off` is off by the first and not by the
 second. `--camera told` is told the field of view within 10 %, `--camera any` nothing about it;
 `--camera tracking` knows it and predicts the attitude, of half of the scenes that show a sky
-within 0.1 deg, of the others at random; several go by commas.
+within 0.1 deg, of the others at random; `--camera tracking-told` is that with the field of view
+told within 10 %; several go by commas.
 `--threshold 0` accepts all that is more likely true than not and shows how the claimed
 wrong-identification probability holds; `--plot FILE` draws that. Each scene has a seed of its own,
 so that any one of them can be looked at again; the command prints them.
@@ -49,7 +50,9 @@ _CHUNK = 200
 #: Edges of the bins of the claimed wrong-identification probability.
 _EDGES = 10.0 ** np.arange(-6, 0.5)
 #: What a camera can be, and how far off its field of view may be then.
-EXACT, TOLD, ANY, TRACKING = CAMERA_KINDS = "exact", "told", "any", "tracking"
+EXACT, TOLD, ANY, TRACKING, TRACKING_TOLD = CAMERA_KINDS = (
+    "exact", "told", "any", "tracking", "tracking-told"
+)
 #: Standard deviation of a good prediction about each axis.
 _PREDICTED_RAD = float(np.radians(0.1))
 _TOLERANCE_PERCENT = 10.0
@@ -78,14 +81,15 @@ class Asked:
         if self.camera == ANY:
             steps = ladder((4.0, 70.0), (camera.width_px, camera.height_px), catalog="paper")
             return AnyCameraTracker(steps, settings, parity=camera.parity)
-        tolerance = _TOLERANCE_PERCENT if self.camera == TOLD else 0.0
+        tolerance = _TOLERANCE_PERCENT if self.camera in (TOLD, TRACKING_TOLD) else 0.0
         return StarTracker(database, replace(camera, tolerance_percent=tolerance), settings)
 
     def solution(
         self, tracker: StarTracker | AnyCameraTracker, scene: Troubled, seed: int
     ) -> Solution:
         """Solve a scene."""
-        if self.camera != TRACKING or not isinstance(tracker, StarTracker):
+        predicts = self.camera in (TRACKING, TRACKING_TOLD)
+        if not predicts or not isinstance(tracker, StarTracker):
             return tracker.solve(scene.xy_px)
         rng = np.random.default_rng([seed, 1])
         predicted = random_rotation(rng)

@@ -100,7 +100,8 @@ class StarTracker:
         one that is not positive counts as unknown. A predicted attitude, a rotation (3, 3) camera
         to ICRS or an earlier solution, is tried first (where the parity is known): what comes of
         it is held to the same evidence as anything else, and where it fails the search starts as
-        if lost in space. Centroids that are not finite, lie outside of the image or have no ray of
+        if lost in space. Where the focal length may be off an earlier solution tells it, too.
+        Centroids that are not finite, lie outside of the image or have no ray of
         the lens are left out and counted. A deadline, ms, holds for this frame instead of that of
         the settings. Raises ValueError only for an array of another shape, and a deadline that is
         not above 0.
@@ -126,16 +127,18 @@ class StarTracker:
 
     def _track(self, task: Task, predicted: Solution | Floats) -> bool:
         """Try a predicted attitude; return whether it has solved the frame."""
+        scale = 1.0
         if isinstance(predicted, Solution):
-            if predicted.attitude is None:
+            if predicted.attitude is None or predicted.camera is None:
                 return False
+            scale = predicted.camera.focal_length_px / self.camera.focal_length_px
             predicted = predicted.attitude.rotation
         rotation = np.asarray(predicted, float)
         if rotation.shape != (3, 3):
             raise ValueError(f"the predicted rotation has shape {rotation.shape}, not (3, 3)")
         if self.camera.parity == "auto" or not self._primary:
             return False
-        self._first.track(task, rotation)
+        self._first.track(task, rotation, scale)
         if self._first.ended == Ended.NO_ROTATION:
             raise ValueError("the predicted attitude is no rotation: R^T R = 1, determinant +1")
         return self._first.ended == _SOLVED

@@ -10,14 +10,16 @@ from star_tracker.compiled import clock_s, compiled
 #: `n_hypotheses` pairs were compared with pairs, `n_since_best` candidates judged since the best
 #: pose was found, which `n_matched` matches carry, of `n_in_view` guide stars; `score` and
 #: `rival_score` are the log10 evidence of the best pose and of the best other pose. Python writes
-#: the last three: at `stop_s` of `time.monotonic` the search makes way; `n_proposed` matches stand
-#: in `engine.proposed`, with the tolerance with which they were found.
+#: the last four: at `stop_s` of `time.monotonic` the search makes way; `n_proposed` matches stand
+#: in `engine.proposed`, with the tolerance with which they were found; `predicted_scale` goes
+#: with a predicted rotation.
 PROGRESS = np.dtype([
     ("level", np.int64), ("next_main", np.int64), ("n_hypotheses", np.int64),
     ("n_judged", np.int64), ("n_since_best", np.int64), ("n_matched", np.int64),
     ("n_in_view", np.int64),
     ("score", np.float64), ("rival_score", np.float64), ("tolerance_px", np.float64),
     ("stop_s", np.float64), ("n_proposed", np.int64), ("proposed_tolerance_px", np.float64),
+    ("predicted_scale", np.float64),
 ])
 
 

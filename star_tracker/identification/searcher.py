@@ -143,10 +143,14 @@ class Searcher:
         """Take a frame in without searching it."""
         self.ended = self._done(_BEGIN, task)
 
-    def track(self, task: Task, rotation: Floats) -> None:
-        """Begin a frame with a predicted rotation (3, 3) and label it where that solves it."""
+    def track(self, task: Task, rotation: Floats, scale: float = 1.0) -> None:
+        """Begin a frame with a predicted rotation (3, 3) and label it where that solves it.
+
+        Where the focal length may be off it is looked for near `scale`, a multiple of the camera's.
+        """
         self.method, self.mode = METHODS[0], TRACKING
         self.results.rotation[:] = rotation
+        self._progress["predicted_scale"] = scale
         self.ended = self._done(_TRACK, task)
 
     def go_on(self, task: Task) -> None:

@@ -126,12 +126,17 @@ def judge_match(engine: Any) -> int:
 
 @compiled
 def judge_pose(engine: Any) -> int:
-    """Judge the pose that stands in `best`; return CERTAIN, MORE or NO_ROTATION."""
-    progress, pose = engine.progress[0], engine.room.pose
+    """Judge the predicted pose, whose rotation stands in `best`; CERTAIN, MORE or NO_ROTATION.
+
+    The focal length is fitted from the predicted one on where it is not told as exact.
+    """
+    progress, pose, prior = engine.progress[0], engine.room.pose, engine.sky.scale_prior
     if not is_rotation(engine.best.rotation):
         return Ended.NO_ROTATION
     copy_rotation(engine.best.rotation, pose.rotation)
-    pose.scale, pose.free = 1.0, False
+    pose.free = prior.log_range > 0.0
+    low, high = np.exp(prior.low), np.exp(prior.high)
+    pose.scale = min(max(progress.predicted_scale, low), high) if pose.free else 1.0
     judge_and_keep(engine, pose, _TRACKING_PX)
     found = certain(progress, engine.limits, engine.frame.n)
     return Ended.CERTAIN if found else Ended.MORE

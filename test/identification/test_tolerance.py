@@ -72,6 +72,18 @@ def test_the_attitude_is_within_its_covariance_which_knows_of_the_focal_length(d
         assert_within_covariance(tracker.solve(view.xy_px), view)
 
 
+@pytest.mark.parametrize("error_percent", [-5.0, 5.0])
+def test_a_solution_predicts_the_focal_length_of_the_next_frame_too(database, error_percent):
+    tracker = StarTracker(database, told(error_percent), PATIENT)
+    for view in frames_of(database, 25, 4):
+        before = tracker.solve(view.xy_px)
+        tracked = tracker.solve(view.xy_px, predicted=before)
+        assert tracked.mode == "tracking"
+        assert tracked.scale == pytest.approx(before.scale, rel=1e-5)
+        assert tracked.focal_length_error == pytest.approx(before.focal_length_error, rel=1e-3)
+        assert_within_covariance(tracked, view)
+
+
 def test_a_tolerance_of_zero_is_the_camera_as_told(database):
     tracker = StarTracker(database, told(0.0, 0.0), PATIENT)
     plain = StarTracker(database, CAMERA, PATIENT)
