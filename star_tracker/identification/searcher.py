@@ -146,7 +146,7 @@ class Searcher:
     def track(self, task: Task, rotation: Floats, scale: float = 1.0) -> None:
         """Begin a frame with a predicted rotation (3, 3) and label it where that solves it.
 
-        Where the focal length may be off it is looked for near `scale`, a multiple of the camera's.
+        Where the focal length may be off it is looked for near `scale` times the camera's.
         """
         self.method, self.mode = METHODS[0], TRACKING
         self.results.rotation[:] = rotation
