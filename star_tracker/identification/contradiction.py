@@ -52,11 +52,12 @@ def fit_focal_length(engine: Any, k: int, sum2: float) -> bool:
     """
     frame, matches, best, trial = engine.frame, engine.matches, engine.best, engine.matches.trial
     sky = engine.sky
+    # The residuals as told stay in `matches.residual2`, which the labels are written from.
     copy_pose(best, trial)
     freed = sum2
     for step in range(_STEPS):
         refine_scaled(frame.vectors, matches.near_vectors, matches, k, trial, 0.0)
-        freed = measure(sky, frame, trial, k, matches)
+        freed = measure(sky, frame, trial, k, matches, matches.star_residual2)
         ratio = 0.5 * (2 * k - 3) * np.log(max(sum2, 1e-300) / max(freed, 1e-300))
         off = abs(np.log(trial.scale))
         if step == 0 and (ratio < 0.5 * _CONTRADICTS or off < LEAST_DEVIATION):

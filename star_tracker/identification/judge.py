@@ -76,7 +76,8 @@ SkyType, Sky = struct("Sky", __name__, View._fields)
 #: - n_best: how many matches carry the evidence of the pose judged last, and n_in_view: of so many
 #:   guide stars in the image;
 #: - n_settled: the same if that pose was fitted to the very matches listed, else 0;
-#: - n_matched, n_near: then, how many matches are listed and how many guide stars are near.
+#: - n_matched: then, how many matches are listed;
+#: - n_near: then, and once it is labelled, how many guide stars are near.
 MatchesType, Matches = struct("Matches", __name__, (
     "near", "near_vectors", "place", "guide_star", "star_guide", "star_residual2", "observed",
     "catalog", "listed", "residual2", "weighed", "weighed_catalog", "trial", "n_best", "n_in_view",

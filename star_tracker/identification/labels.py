@@ -91,36 +91,43 @@ def blank(labels: NDArray[np.void]) -> None:
 
 
 @compiled
-def label_frame(engine: Any, sky: Any, labels: NDArray[np.void]) -> tuple[int, float]:
-    """Label the centroids and fit the best pose, which is one of `sky`, to the identified ones.
+def identify(engine: Any, sky: Any) -> tuple[int, float]:
+    """Identify the stars of the best pose, which is one of `sky`, and fit it to them.
 
     The noise is estimated from the frame itself, from the matches that carry most evidence, so
-    that a precise frame gets a narrow gate. Writes all rows of `labels`, one for each centroid of
-    the input. Returns the number of identified stars and the sum of their squared residuals.
+    that a precise frame gets a narrow gate. Returns the number of identified stars, which are the
+    first of the matches, and the sum of their squared residuals.
     """
     frame, matches, best = engine.frame, engine.matches, engine.best
-    blank(labels)  # engines share them: another one may have labelled the frame since
-    gate = GATE_TOLERANCES * engine.progress[0].tolerance_px
-    n_near, k = matches.n_near, 0
+    gate, k = GATE_TOLERANCES * engine.progress[0].tolerance_px, 0
     free = sky.scale_prior.sigma > 0.0
     if matches.n_settled > 0 and best.free == free:
         k = _settled(matches, gate)
     best.free = free
     see_at_scale(frame, sky.focal_px, best.scale)
     if k == 0:
-        n_near, k = _settle(sky, frame, max(_GATE_PX, gate), best, matches)
+        k = _settle(sky, frame, max(_GATE_PX, gate), best, matches)
     # One step from a pose that is a few pixels off is not quite there yet.
     for _ in range(2):
         refine_pose(sky, frame, matches, k, best)
         see_at_scale(frame, sky.focal_px, best.scale)
-    sum2 = measure(sky, frame, best, k, matches)
+    return k, measure(sky, frame, best, k, matches, matches.residual2)
+
+
+@compiled
+def write_labels(engine: Any, k: int, labels: NDArray[np.void]) -> None:
+    """Label the centroids: the first `k` matches are identified, and of the rest some displaced.
+
+    Writes all rows of `labels`, one for each centroid of the input.
+    """
+    frame, matches = engine.frame, engine.matches
+    blank(labels)  # engines share them: another one may have labelled the frame since
     for i in range(k):
         row = labels[frame.row[matches.observed[i]]]
         row.catalog_index, row.state = matches.catalog[i], StarState.IDENTIFIED
         row.residual_px = np.sqrt(matches.residual2[i])
     if engine.limits.displaced_gate_px > 0 and k < frame.n:
-        _label_displaced(engine, sky, n_near, k, labels)
-    return k, sum2
+        _label_displaced(engine, k, labels)
 
 
 @compiled
@@ -138,13 +145,13 @@ def _settled(matches: Any, gate_px: float) -> int:
 
 
 @compiled
-def _settle(sky: Any, frame: Any, gate_px: float, pose: Any, matches: Any) -> tuple[int, int]:
+def _settle(sky: Any, frame: Any, gate_px: float, pose: Any, matches: Any) -> int:
     """Associate, measure the noise and fit in turn until the matches stay the same.
 
-    Returns the number of guide stars near the image and of matches.
+    Returns the number of matches.
     """
     gate, trial = gate_px, matches.trial
-    n_near = look_up(sky, pose, 2 * gate, matches)
+    n_near = matches.n_near = look_up(sky, pose, 2 * gate, matches)
     found, n_inside = associate(sky, frame, pose, gate, n_near, matches)
     k = strongest(sky, frame, pose, matches, (found, n_inside))[0]
     for _ in range(_ROUNDS):
@@ -161,11 +168,13 @@ def _settle(sky: Any, frame: Any, gate_px: float, pose: Any, matches: Any) -> tu
         gate, before, k = narrow, k, again
         if k == before:
             break
-    return n_near, k
+    return k
 
 
 @compiled
-def measure(sky: Any, frame: Any, pose: Any, k: int, matches: Any) -> float:
+def measure(
+    sky: Any, frame: Any, pose: Any, k: int, matches: Any, residual2: Floats
+) -> float:
     """Write the squared residuals of the first `k` matches for a pose; return their sum."""
     sum2 = 0.0
     r, vectors, focal_px = pose.rotation, matches.near_vectors, sky.focal_px * pose.scale
@@ -175,8 +184,8 @@ def measure(sky: Any, frame: Any, pose: Any, k: int, matches: Any) -> float:
         scale = focal_px / (r[0, 2] * v[0] + r[1, 2] * v[1] + r[2, 2] * v[2])
         dx = (r[0, 0] * v[0] + r[1, 0] * v[1] + r[2, 0] * v[2]) * scale - place[0]
         dy = (r[0, 1] * v[0] + r[1, 1] * v[1] + r[2, 1] * v[2]) * scale - place[1]
-        matches.residual2[i] = dx * dx + dy * dy
-        sum2 += matches.residual2[i]
+        residual2[i] = dx * dx + dy * dy
+        sum2 += residual2[i]
     return sum2
 
 
@@ -200,9 +209,7 @@ def _sigma(residual2: Floats, k: int) -> float:
 
 
 @compiled
-def _label_displaced(
-    engine: Any, sky: Any, n_near: int, k: int, labels: NDArray[np.void]
-) -> None:
+def _label_displaced(engine: Any, k: int, labels: NDArray[np.void]) -> None:
     """Label stars that are left over with guide stars of the image that are left over.
 
     The first `k` matches are not left over. The nearest pair goes first. A pair counts only where
@@ -210,7 +217,7 @@ def _label_displaced(
     unrelated points so close: with a unmatched stars and b unmatched guide stars, a b pi d^2 /
     area pairs are expected within d.
     """
-    frame, matches = engine.frame, engine.matches
+    frame, matches, sky = engine.frame, engine.matches, engine.sky
     gate_px = engine.limits.displaced_gate_px
     star = np.empty(frame.n, np.int64)
     a = 0
@@ -218,7 +225,7 @@ def _label_displaced(
         if labels[frame.row[i]].state == StarState.UNIDENTIFIED:
             star[a] = i
             a += 1
-    b = _left_over(sky, engine.best, n_near, matches, k)
+    b = _left_over(sky, engine.best, matches, k)
     guide, place, plane_px = matches.guide_star, matches.place, frame.plane_px
     by_chance = _DISPLACED_CHANCE * sky.optics[0] * sky.optics[1] / np.pi
     while a > 0 and b > 0:
@@ -241,16 +248,14 @@ def _label_displaced(
 
 
 @compiled
-def _left_over(
-    sky: Any, pose: Any, n_near: int, matches: Any, k: int
-) -> int:
+def _left_over(sky: Any, pose: Any, matches: Any, k: int) -> int:
     """List the guide stars of the image that are not among the first `k` matches; return how many.
 
     They are listed in `guide_star`, their places at the beginning of `place`.
     """
-    project(sky, pose, n_near, matches)
+    project(sky, pose, matches.n_near, matches)
     place, near, n = matches.place, matches.near, 0
-    for g in range(n_near):
+    for g in range(matches.n_near):
         taken = False
         for at in range(k):
             taken |= matches.catalog[at] == near[g]

@@ -29,7 +29,7 @@ from star_tracker.identification.contradiction import agreement, fit_focal_lengt
 from star_tracker.identification.ended import MIN_STARS, Ended
 from star_tracker.identification.evidence import variance
 from star_tracker.identification.judge import GATE_TOLERANCES
-from star_tracker.identification.labels import blank, label_frame
+from star_tracker.identification.labels import blank, identify, write_labels
 from star_tracker.identification.progress import forget, wrong_probability
 from star_tracker.identification.search import certain, judge_and_keep, search
 from star_tracker.identification.symmetry import fits_in_mirror
@@ -146,19 +146,20 @@ def judge_pose(engine: Any) -> int:
 def label(engine: Any, labels: NDArray[np.void]) -> int:
     """Write a row of `labels` for each centroid, and the attitude of the best pose.
 
-    Returns SOLVED, CERTAIN where the stars' mirror image fits as well and may be the true one, FAR
-    or CONTRADICTED.
+    Where too few stars are left to the pose it writes none. Returns SOLVED, CERTAIN where
+    the stars' mirror image fits as well and may be the true one, FAR or CONTRADICTED.
     """
     rotation, outcome, frame = engine.best.rotation, engine.outcome[0], engine.frame
-    k, sum2 = label_frame(engine, engine.sky, labels)
+    k, sum2 = identify(engine, engine.sky)
     least = _LEAST_LEFT * engine.progress[0].n_matched
     if k >= least and not engine.best.free and fit_focal_length(engine, k, sum2):
         k = 0  # the stars were matched with another one
         if judge_scaled(engine):
-            k, sum2 = label_frame(engine, engine.doubt, labels)
+            k, sum2 = identify(engine, engine.doubt)
     outcome.scale = engine.best.scale
     if k < least:
         return Ended.CONTRADICTED
+    write_labels(engine, k, labels)
     outcome.rms_px = np.sqrt(sum2 / k)
     write_quaternion(rotation, engine.quaternion)
     outcome.ra_rad, outcome.dec_rad, outcome.roll_rad = boresight_of(rotation)
