@@ -5,23 +5,27 @@ pixels from the middle of the first one, as all of ROS does; a camera that is re
 counts them from its outer corner, as images are counted in this package.
 """
 
-import math
+import json
 from pathlib import Path
 from typing import Any
 
-from star_tracker.optics.camera import PARITIES, PIXEL_ORIGINS, Camera
-from star_tracker.optics.distortion import Distortion
+import numpy as np
+
+from star_tracker.optics.camera import PIXEL_ORIGINS, Camera
+from star_tracker.optics.intrinsics import read_distortion, read_intrinsics
 from star_tracker.resources import write_whole
 
 _OWN = "star_tracker"
 _NO_LENS = ("plumb_bob", (0.0, 0.0, 0.0, 0.0, 0.0))
 
 
-def write_camera(camera: Camera, path: Path, *, name: str = "camera") -> None:
+def write_camera(camera: Camera, path: Path, *, name: str = "") -> None:
     """Write a camera, counted from the outer corner, as a file in one step.
 
-    Raises OSError where the place does not take it.
+    Without a name it keeps that of the file that is there. Raises OSError where the place does not
+    take it.
     """
+    name = name or _name_in(path) or "camera"
     camera, lens = camera.moved(-PIXEL_ORIGINS["center"]), camera.distortion
     model, coefficients = _NO_LENS if lens is None else (lens.model, lens.coefficients)
     k = (camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0)
@@ -29,7 +33,7 @@ def write_camera(camera: Camera, path: Path, *, name: str = "camera") -> None:
     text = "\n".join([
         f"image_width: {camera.width_px}",
         f"image_height: {camera.height_px}",
-        f"camera_name: {name}",
+        f"camera_name: {json.dumps(name)}",  # as YAML reads it too, whatever is in it
         *_matrix("camera_matrix", 3, 3, k),
         f"distortion_model: {model}",
         *_matrix("distortion_coefficients", 1, len(coefficients), coefficients),
@@ -37,9 +41,18 @@ def write_camera(camera: Camera, path: Path, *, name: str = "camera") -> None:
         *_matrix("projection_matrix", 3, 4, p),
         f"{_OWN}:",
         f"  parity: {camera.parity}",
-        f"  tolerance_percent: {camera.tolerance_percent:.6g}",
+        f"  tolerance_percent: {float(camera.tolerance_percent)!r}",
     ])
     write_whole(path, text + "\n")
+
+
+def _name_in(path: Path) -> str:
+    """Return the camera's name in a file, empty where there is none."""
+    try:
+        content = _content(path)
+    except ValueError:  # it is written anew
+        return ""
+    return str(content.get("camera_name", "")) if isinstance(content, dict) else ""
 
 
 def read_camera(path: Path) -> Camera:
@@ -49,6 +62,17 @@ def read_camera(path: Path) -> Camera:
 
     Raises ValueError with the file's name and what is wrong in it.
     """
+    content = _content(path)
+    try:
+        return _camera(content)
+    except KeyError as error:
+        raise ValueError(f"camera file {path} has no {error.args[0]}") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"camera file {path}: {_line(error)}") from error
+
+
+def _content(path: Path) -> Any:
+    """Return what stands in a file. Raises ValueError where that cannot be read."""
     try:
         import yaml  # noqa: PLC0415  only this file needs it
     except ImportError as error:
@@ -56,38 +80,42 @@ def read_camera(path: Path) -> Camera:
             f"camera file {path} needs PyYAML: apt install python3-yaml, or pip install PyYAML"
         ) from error
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ValueError(f"camera file {path} cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise ValueError(f"camera file {path} is not YAML: {_line(error)}") from error
-    try:
-        return _camera(dict(content))
-    except KeyError as error:
-        raise ValueError(f"camera file {path} has no {error.args[0]}") from error
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"camera file {path}: {_line(error)}") from error
 
 
-def _camera(content: dict[str, Any]) -> Camera:
-    k = [float(value) for value in content["camera_matrix"]["data"]]
-    if len(k) != 9 or not all(math.isfinite(value) for value in k):
-        raise ValueError("camera_matrix has not 9 finite numbers")
-    coefficients = tuple(
-        float(value) for value in content.get("distortion_coefficients", {}).get("data", ())
+def _camera(content: Any) -> Camera:
+    """Return the camera of what stands in a file. Raises KeyError for a key that is missing."""
+    if not isinstance(content, dict):
+        raise TypeError("it holds no camera: image_width, image_height, camera_matrix and so on")
+    k = _numbers(content["camera_matrix"], "camera_matrix")
+    if len(k) != 9:
+        raise ValueError(f"camera_matrix has {len(k)} numbers, not 9")
+    fx, fy, cx, cy = read_intrinsics("camera_matrix", np.reshape(k, (3, 3)))
+    lens = read_distortion(
+        str(content.get("distortion_model", "plumb_bob")),
+        _numbers(content.get("distortion_coefficients"), "distortion_coefficients"),
     )
-    lens = None
-    model = str(content.get("distortion_model", "plumb_bob"))
-    if any(coefficients) or model == "equidistant":
-        lens = Distortion(model, coefficients)
-    own = content.get(_OWN, {})
-    parity = str(own.get("parity", "auto"))
-    if parity not in PARITIES:
-        raise ValueError(f"parity {parity!r} is unknown: use {', '.join(PARITIES)}")
+    own = content.get(_OWN) or {}
+    if not isinstance(own, dict):
+        raise TypeError(f"{_OWN} has parity and tolerance_percent below it, not {own!r}")
     return Camera(
-        int(content["image_width"]), int(content["image_height"]), k[0], k[4], k[2], k[5],
-        parity, lens, float(own.get("tolerance_percent", _AGED_PERCENT)),
+        int(content["image_width"]), int(content["image_height"]), fx, fy, cx, cy,
+        str(own.get("parity", "auto")), lens, float(own.get("tolerance_percent", _AGED_PERCENT)),
     ).moved(PIXEL_ORIGINS["center"])
+
+
+def _numbers(matrix: Any, name: str) -> list[float]:
+    """Return the numbers of a matrix with rows, cols and data, or of a plain list."""
+    if matrix is None:
+        return []
+    data = matrix.get("data") if isinstance(matrix, dict) else matrix
+    if not isinstance(data, list):
+        raise TypeError(f"{name} has no list of numbers in its data")
+    return [float(value) for value in data]
 
 
 #: How far a calibration of unknown age may be off.

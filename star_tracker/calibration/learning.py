@@ -15,7 +15,12 @@ from star_tracker.calibration.camera_estimator import (
     CameraEstimator,
 )
 from star_tracker.calibration.noise import StreamNoise
-from star_tracker.calibration.second_opinion import SecondOpinion, is_doubtful
+from star_tracker.calibration.second_opinion import (
+    BY_PARAMETERS,
+    SecondOpinion,
+    ToldBy,
+    is_doubtful,
+)
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.ladder import LadderStep
 from star_tracker.geometry.spherical import Floats
@@ -53,6 +58,23 @@ class Sources:
     ladder: Callable[[], Sequence[LadderStep]]
 
 
+@dataclass(frozen=True)
+class Learnt:
+    """What a tracker has learnt.
+
+    Attributes:
+        belief: the camera, None where it is as told.
+        noise: of the centroids, and the share of false stars.
+        centroid_sigma_px: what was told of the noise, 0 = nothing.
+        n_doubtful: frames in a row without a good solution.
+    """
+
+    belief: Belief | None
+    noise: StreamNoise
+    centroid_sigma_px: float
+    n_doubtful: int
+
+
 class LearningTracker:
     """Identifies frames of one camera and keeps what they tell about it for the next ones.
 
@@ -68,6 +90,7 @@ class LearningTracker:
             it is taken at its word, nothing is learnt, and `hint` says where the stars disagree.
         settings: tolerances, thresholds and limits.
         parity: where the camera is not told.
+        told_by: what hints call the field of view.
 
     Raises ValueError for method `radial_cyclic` without a camera, and as `StarTracker`.
 
@@ -80,7 +103,7 @@ class LearningTracker:
 
     def __init__(
         self, sources: Sources, camera: Camera | None, settings: SolveSettings | None = None, *,
-        parity: str = "auto",
+        parity: str = "auto", told_by: ToldBy = BY_PARAMETERS,
     ) -> None:
         self.settings = settings or SolveSettings()
         if camera is None and self.settings.method == METHODS[1]:
@@ -89,7 +112,7 @@ class LearningTracker:
                 "auto"
             )
         self._sources, self._parity = sources, parity if camera is None else camera.parity
-        self._told = camera
+        self._told, self._told_by = camera, told_by
         self._ladder: AnyCameraTracker | None = None
         self.news: list[str] = []
         self.hint = ""
@@ -110,6 +133,30 @@ class LearningTracker:
         if self._belief is None or self._belief.estimator is None:
             return None
         return self._belief.estimator.estimate
+
+    @property
+    def has_learnt(self) -> bool:
+        """Whether the camera is another one than was told."""
+        return self.camera is not None and self.camera != self._told
+
+    @property
+    def learnt(self) -> "Learnt":
+        """What was learnt so far, for another tracker of the same camera."""
+        return Learnt(
+            self._belief if self.has_learnt else None, self.noise,
+            self.settings.centroid_sigma_px, self._n_doubtful,
+        )
+
+    def go_on_from(self, learnt: "Learnt") -> None:
+        """Go on with what another tracker has learnt, of which the same camera was told."""
+        self._n_doubtful = learnt.n_doubtful
+        if learnt.centroid_sigma_px == self.settings.centroid_sigma_px:
+            self.noise = learnt.noise
+        if learnt.belief is not None:
+            trusted = self._trust(learnt.belief.camera)
+            self._belief = replace(
+                learnt.belief, tracker=trusted.tracker, second_opinion=None
+            )
 
     def forget(self) -> None:
         """Begin anew with the camera as told."""
@@ -199,7 +246,7 @@ class LearningTracker:
             return
         if belief.second_opinion is None:
             belief.second_opinion = SecondOpinion(
-                belief.tracker.database, belief.camera, self.settings
+                belief.tracker.database, belief.camera, self.settings, told_by=self._told_by
             )
         left_ms = 1e3 * (stop_s - time.perf_counter())
         if left_ms > 0:

@@ -5,6 +5,7 @@ the frame is solved with residuals of many pixels: the search bears much.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
@@ -23,6 +24,17 @@ _MAX_LOG10_FALSE_ALARMS = -8.0
 _BAD_RMS_PX, _BETTER = 2.0, 0.5
 #: A field of view that is this near to the told one is not worth a word, relative.
 _SAME = 2e-3
+
+
+class ToldBy(NamedTuple):
+    """What tells a user's field of view, and how far it may be off: names for hints."""
+
+    fov: str = "fov_deg"
+    tolerance: str = "fov_tolerance_percent"
+
+
+#: The parameters of that name, and the arguments of `Camera.from_fov`.
+BY_PARAMETERS = ToldBy()
 
 
 def is_doubtful(solution: Solution) -> bool:
@@ -44,10 +56,14 @@ class SecondOpinion:
         database: guide stars and their features.
         camera: as told.
         settings: tolerances, thresholds and limits.
+        told_by: what a hint calls the field of view.
     """
 
-    def __init__(self, database: FeatureDatabase, camera: Camera, settings: SolveSettings) -> None:
-        self._told = camera
+    def __init__(
+        self, database: FeatureDatabase, camera: Camera, settings: SolveSettings, *,
+        told_by: ToldBy = BY_PARAMETERS,
+    ) -> None:
+        self._told, self._told_by = camera, told_by
         strict = replace(
             settings, method=METHODS[0],
             max_log10_false_alarms=min(_MAX_LOG10_FALSE_ALARMS, settings.max_log10_false_alarms),
@@ -69,7 +85,7 @@ class SecondOpinion:
         """
         told = self._told
         if _contradicts(solution) and solution.camera is not None:
-            return _improves(solution.camera, told)
+            return self._improves(solution.camera)
         found = self._tracker.solve(xy_px, intensity, deadline_ms=deadline_ms)
         if found.camera is None or found.rms_px > _BETTER * solution.rms_px:
             return ""
@@ -77,11 +93,10 @@ class SecondOpinion:
             return f"image looks mirrored: parity {found.parity} solves it"
         if abs(found.camera.fov_deg / told.fov_deg - 1) < _SAME:
             return ""
-        return _improves(found.camera, told)
+        return self._improves(found.camera)
 
-
-def _improves(found: Camera, told: Camera) -> str:
-    return (
-        f"improves if fov_deg is {found.fov_deg:.2f} instead of {told.fov_deg:.2f}, or may be "
-        "off: fov_tolerance_percent"
-    )
+    def _improves(self, found: Camera) -> str:
+        return (
+            f"improves if {self._told_by.fov} is {found.fov_deg:.2f} instead of "
+            f"{self._told.fov_deg:.2f}, or may be off: {self._told_by.tolerance}"
+        )

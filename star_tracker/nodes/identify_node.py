@@ -118,13 +118,14 @@ class IdentifyNode(DeclaringNode):
         """End the node, and before it a database that is being built; keep what was learnt."""
         if self._runtime is not None:
             self._runtime.finish()
-            if self._setup.parameters.camera_file and self.ready:
-                self._save_camera()
+            if self._setup.parameters.camera_file and self._solver and self._solver.has_learnt:
+                saved, sentence = self._save_camera()
+                (self.get_logger().info if saved else self.get_logger().error)(sentence)
         super().destroy_node()
 
     def _apply(self, setup: SolverSetup, database: FeatureDatabase) -> None:
         """Work with this setup from now on. Raises ValueError and keeps the one before."""
-        self._solver = FrameSolver(setup, database)
+        self._solver = FrameSolver(setup, database, self._solver)
         self._setup = setup
         starting, self._starting = self._starting, None
         if database.cache_note and not (starting and starting.warned):
@@ -160,10 +161,10 @@ class IdentifyNode(DeclaringNode):
         if not named:
             return False, "camera_file is empty: restart the node with it set to a path"
         if camera is None:
-            return False, "no camera was found yet: show the node some stars"
+            return False, "no camera is known yet: show the node some stars"
         path = Path(named).expanduser()
         try:
-            write_camera(self._setup.for_file(camera), path, name=self.get_name())
+            write_camera(self._setup.for_file(camera), path)
         except OSError as error:
             return False, f"{path} cannot be written: {error.strerror or error}"
         return True, f"camera of {camera.fov_deg:.4g} deg written to {path}"

@@ -189,6 +189,11 @@ class _SolverParameters:
             value = getattr(self, name)
             if _MIDDLE < value < 0:
                 raise ParameterError(f"parameter {name} is {value:g}: it must be -1 or >= 0 px")
+        if self.rectified and not self.use_camera_info:
+            raise ParameterError(
+                "parameter rectified is true and use_camera_info false: where camera_info does "
+                "not tell the camera, tell that of the rectified image, which has no distortion"
+            )
         if 0 < self.fov_deg < FOV_RANGE_DEG[0]:
             raise ParameterError(
                 f"parameter fov_deg is {self.fov_deg:g}: it must be 0 (find it out) or from "

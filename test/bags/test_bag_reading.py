@@ -243,7 +243,7 @@ def test_a_camera_without_calibration_tells_the_size_alone(tmp_path):
     with open_bag(path, Wanted()) as bag:
         solver = BagSolver(bag, asked_for())
         ((_, result),) = solver.results(HERE)
-    assert "CameraInfo K is zero" in solver.note
+    assert "CameraInfo: K is zero" in solver.note
     assert result.is_solved
 
 

@@ -35,13 +35,23 @@ projection_matrix:
 @pytest.mark.parametrize("camera", [
     Camera.from_fov(12, 512, 512, parity="mirrored"),
     Camera(1024, 768, 1100.5, 1099.25, 510.125, 390.0, "normal",
-           Distortion("plumb_bob", (-0.25, 0.1, 0.0, 0.0, 0.01)), 0.3),
+           Distortion("plumb_bob", (-0.25, 0.1, 0.0, 0.0, 0.01)), 1.23456789),
     Camera(800, 600, 400.0, 400.0, 400.0, 300.0, "auto",
            Distortion("equidistant", (0.0, 0.0, 0.0, 0.0))),
 ])
 def test_a_camera_comes_back_as_it_was(camera, tmp_path):
     write_camera(camera, tmp_path / "camera.yaml")
     assert read_camera(tmp_path / "camera.yaml") == camera
+
+
+def test_a_camera_keeps_the_name_that_it_has_in_the_file(tmp_path):
+    path = tmp_path / "c.yaml"
+    for before, kept in (("", "camera"), ('flight: "7"', 'flight: "7"'), ("", 'flight: "7"')):
+        write_camera(Camera.from_fov(20, 1024, 768), path, name=before)
+        assert yaml.safe_load(path.read_text())["camera_name"] == kept
+    path.write_text("[no camera")
+    write_camera(Camera.from_fov(20, 1024, 768), path)
+    assert yaml.safe_load(path.read_text())["camera_name"] == "camera"
 
 
 def test_what_ros_reads_is_there(tmp_path):
@@ -71,9 +81,22 @@ def test_a_file_of_ros_is_read_with_parity_to_find_out(tmp_path):
 @pytest.mark.parametrize(("text", "sentence"), [
     ("image_width: 3\n", "has no camera_matrix"),
     ("a: [1,\n", "is not YAML"),
-    ("3\n", "'int' object is not iterable"),
+    ("3\n", "it holds no camera: image_width"),
+    ("", "it holds no camera: image_width"),
     (ROS_FILE.replace("460.5, 0, 371.2, 0, 459.8", "nan, 0, 371.2, 0, 459.8"),
-     "camera_matrix has not 9 finite numbers"),
+     "camera fx_px is not a finite number"),
+    (ROS_FILE.replace("460.5, 0, 371.2, 0, 459.8", "460.5, 7, 371.2, 0, 459.8"),
+     "camera_matrix has a skew of 7"),
+    (ROS_FILE.replace("460.5, 0, 371.2, 0, 459.8, 231.9, 0, 0, 1]",
+                      "460.5, 0, 0, 0, 459.8, 0, 371.2, 231.9, 1]"),
+     "camera_matrix is not of the form fx 0 cx"),
+    (ROS_FILE.replace("460.5, 0, 371.2, 0, 459.8", "460.5, 0, 371.2, 459.8"),
+     "camera_matrix has 8 numbers, not 9"),
+    (ROS_FILE.replace("image_width: 752", "image_width: .inf"), "infinity"),
+    (ROS_FILE.replace("plumb_bob", "ftheta"), "distortion_model 'ftheta' is not known"),
+    (ROS_FILE.replace("data: [-0.28", "coefficients: [-0.28"),
+     "distortion_coefficients has no list of numbers in its data"),
+    (ROS_FILE + "star_tracker: normal\n", "star_tracker has parity and tolerance_percent below"),
     (ROS_FILE + "star_tracker: {parity: upside}\n", "parity 'upside' is unknown"),
 ])
 def test_a_file_that_is_none_is_told_with_its_name(text, sentence, tmp_path):
@@ -82,6 +105,28 @@ def test_a_file_that_is_none_is_told_with_its_name(text, sentence, tmp_path):
     with pytest.raises(ValueError, match=r"bad\.yaml") as error:
         read_camera(path)
     assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize(("before", "after", "lens"), [
+    ("plumb_bob", "radtan", Distortion("plumb_bob", (-0.28, 0.07, 0.0001, 0.0002, 0.0))),
+    ("[-0.28, 0.07, 0.0001, 0.0002, 0.0]", "[-0.28, 0.07, 0.0001, 0.0002]",
+     Distortion("plumb_bob", (-0.28, 0.07, 0.0001, 0.0002, 0.0))),
+    ("plumb_bob", "Kannala-Brandt", Distortion("equidistant", (-0.28, 0.07, 0.0001, 0.0002))),
+    ("[-0.28, 0.07, 0.0001, 0.0002, 0.0]", "[0, 0, 0, 0, 0]", None),
+    ("plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n"
+     "  data: [-0.28, 0.07, 0.0001, 0.0002, 0.0]", "fisheye",
+     Distortion("equidistant", (0.0, 0.0, 0.0, 0.0))),
+    ("distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.28, 0.07, 0.0001, 0.0002, 0.0]",
+     "distortion_coefficients:", None),
+    ("distortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.28, 0.07, 0.0001, 0.0002, 0.0]",
+     "distortion_coefficients: [0, 0, 0, 0, 0]", None),
+    ("camera_name:", "star_tracker:\ncamera_name:",
+     Distortion("plumb_bob", (-0.28, 0.07, 0.0001, 0.0002, 0.0))),
+])
+def test_a_lens_is_read_as_camera_info_is(before, after, lens, tmp_path):
+    assert before in ROS_FILE
+    (tmp_path / "ros.yaml").write_text(ROS_FILE.replace(before, after))
+    assert read_camera(tmp_path / "ros.yaml").distortion == lens
 
 
 def test_a_missing_file_is_told(tmp_path):

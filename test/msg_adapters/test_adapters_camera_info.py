@@ -206,16 +206,15 @@ def test_rectified_centroids_of_a_camera_that_is_turned_are_refused(r):
 
 @pytest.mark.parametrize(("p", "text"), [
     (np.zeros(12), (
-        "CameraInfo P is zero: the camera is not calibrated, "
-        "rectified centroids need a calibrated one"
+        "CameraInfo: P is zero: the camera is not calibrated, calibrate it"
     )),
     (
         [2000.0, 0.1, 300.0, 0.0, 0.0, 2000.0, 200.0, *[0.0] * 3, 1.0, 0.0],
-        "CameraInfo P has a skew of 0.1: calibrate without skew",
+        "CameraInfo: P has a skew of 0.1: calibrate without skew",
     ),
     (
         [2000.0, *[0.0] * 4, 2000.0, 0.0, 0.0, 300.0, 200.0, 1.0, 0.0],
-        "CameraInfo P is not of the form fx 0 cx, 0 fy cy, 0 0 1: give it row by row",
+        "CameraInfo: P is not of the form fx 0 cx, 0 fy cy, 0 0 1: give it row by row",
     ),
 ])
 def test_a_projection_that_cannot_be_used_is_refused(p, text):
@@ -273,19 +272,20 @@ REACHES = "of 640 x 480 px: width, height, K and roi are of full resolution"
         "binning_x and binning_y are numbers of pixels, 1 for none"
     )),
     (info(distortion_model="fov", d=[0.0] * 5), (
-        "CameraInfo distortion_model fov is not known: use plumb_bob, rational_polynomial, "
-        "equidistant, or send rectified centroids and set rectified"
+        "CameraInfo: distortion_model 'fov' is not known: use plumb_bob, rational_polynomial, "
+        "equidistant, or find the centroids in the rectified image"
     )),
     (info(distortion_model="none", d=[0.1]), (
-        "CameraInfo distortion_model none is not known: use plumb_bob, rational_polynomial, "
-        "equidistant, or send rectified centroids and set rectified"
+        "CameraInfo: distortion_model 'none' is not known: use plumb_bob, rational_polynomial, "
+        "equidistant, or find the centroids in the rectified image"
     )),
     (info(d=[0.1] * 15), (
-        "CameraInfo d holds 15 coefficients, but rational_polynomial takes 14 at most: "
+        "CameraInfo: 15 distortion coefficients are given, but rational_polynomial takes 14 at "
+        "most: "
         "those beyond must be 0"
     )),
     (info(distortion_model="fisheye", d=[0.1] * 5), (
-        "CameraInfo d holds 5 coefficients, but equidistant takes 4 at most: "
+        "CameraInfo: 5 distortion coefficients are given, but equidistant takes 4 at most: "
         "those beyond must be 0"
     )),
     (info(d=[*[0.0] * 12, 0.0, 2.0]), (

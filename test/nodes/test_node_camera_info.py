@@ -152,7 +152,7 @@ def test_reason_where_what_was_sent_cannot_be_used():
         client.bench.until(lambda: heard, "camera_info heard by the node")
         assert reason_of(client) == (
             f"no CameraInfo of {client.bench.namespace}/camera_info can be used, the last one: "
-            "CameraInfo K is zero: the camera is not calibrated, calibrate it"
+            "CameraInfo: K is zero: the camera is not calibrated, calibrate it"
         )
 
 

@@ -11,12 +11,15 @@ _RADIAL = ("k1", "k2")
 
 
 def camera_report(
-    tracker: LearningTracker, told: Callable[[Camera], Camera]
+    tracker: LearningTracker | None, told: Callable[[Camera], Camera]
 ) -> tuple[str, str, dict[str, object]]:
     """Return level, sentence and values of a status.
 
-    `told` returns a camera of the tracker, counted as the centroids are.
+    There is no tracker before camera_info has told a camera. `told` returns a camera of the
+    tracker, counted as the centroids are.
     """
+    if tracker is None:
+        return "warn", "no frame with a camera_info has come yet", {}
     if tracker.camera is None:
         return "warn", "no camera was found yet", {}
     camera, estimate = told(tracker.camera), tracker.estimate

@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -116,10 +116,8 @@ class Intake:
     def _on_camera_info(self, message: CameraInfo, _: Mapping[str, Any]) -> None:
         try:
             p = self._setup().parameters
-            camera = replace(
-                camera_from_info(message, p.parity, rectified=p.rectified),
-                tolerance_percent=p.camera_info_tolerance_percent,
-            )
+            # Parity and tolerance are those of the time when a frame is solved.
+            camera = camera_from_info(message, p.parity, rectified=p.rectified)
         except MessageError as error:
             self._refused = str(error)
             self._reject(None, "camera_info", self._refused)

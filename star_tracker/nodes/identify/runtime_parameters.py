@@ -63,7 +63,7 @@ class RuntimeParameters:
         changes = {
             p.name: _TABLE[p.name].checked(p.value) for p in parameters if p.name in _TABLE
         }
-        return SolverSetup.of(replace(self._wanted.parameters, **changes))
+        return SolverSetup.of(replace(self._wanted.parameters, **changes), self._wanted)
 
     def _check(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
         """Refuse what cannot be carried out, as far as a second tells."""

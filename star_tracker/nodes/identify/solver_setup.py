@@ -1,6 +1,6 @@
 """What identify_node works with, made of its parameters as a whole."""
 
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from hashlib import sha256
 from pathlib import Path
@@ -8,6 +8,7 @@ from typing import Any
 
 from star_tracker.calibration.camera_file import read_camera
 from star_tracker.calibration.learning import LearningTracker, Sources
+from star_tracker.calibration.second_opinion import ToldBy
 from star_tracker.catalogue.database import FeatureDatabase
 from star_tracker.catalogue.depth import Depth
 from star_tracker.catalogue.ladder import LadderStep, ladder
@@ -24,17 +25,32 @@ _DIGEST_LENGTH = 12
 
 @dataclass(frozen=True)
 class SolverSetup:
-    """The parameters, and what the core makes of them."""
+    """The parameters, and what the core makes of them.
+
+    Attributes:
+        parameters: all of them.
+        camera: as told by parameters or `camera_file`; None where the field of view is not told,
+            or camera_info tells it.
+        settings: of the search.
+        from_file: the camera as `camera_file` held it at the start, None without one.
+    """
 
     parameters: IdentifyParameters
     camera: Camera | None
     settings: SolveSettings
+    from_file: Camera | None = field(default=None)
 
     @classmethod
-    def of(cls, parameters: IdentifyParameters) -> "SolverSetup":
-        """Put parameters together. Raises ValueError where they do not fit each other."""
+    def of(
+        cls, parameters: IdentifyParameters, before: "SolverSetup | None" = None
+    ) -> "SolverSetup":
+        """Put parameters together. Raises ValueError where they do not fit each other.
+
+        The camera file is read at the start alone: `before` is the setup that holds until now.
+        """
         p = parameters
-        camera = None if p.use_camera_info else _camera(p)
+        from_file = _read_file(p) if before is None else before.from_file
+        camera = None if p.use_camera_info else _camera(p, from_file)
         settings = SolveSettings(
             method=p.method,
             match_group=MatchGroupSettings(pair_tolerance_px=p.pair_tolerance_px),
@@ -43,7 +59,7 @@ class SolverSetup:
             max_log10_false_alarms=p.max_log10_false_alarms,
             deadline_ms=p.deadline_ms, max_centroids=p.max_centroids,
         )
-        return cls(p, camera, settings)
+        return cls(p, camera, settings, from_file)
 
     @property
     def database_key(self) -> tuple[Any, ...]:
@@ -55,6 +71,31 @@ class SolverSetup:
         if p.catalog == "paper":
             return guides
         return (*guides, p.fov_deg, p.fov_min_deg, p.fov_max_deg, p.width_px, p.height_px)
+
+    @property
+    def told_of_camera(self) -> tuple[Any, ...]:
+        """Equal for two setups that tell the same of the camera: what was learnt of it holds."""
+        p = self.parameters
+        return (
+            self.camera, p.parity, p.fov_min_deg, p.fov_max_deg, p.width_px, p.height_px,
+            p.camera_info_tolerance_percent,
+        )
+
+    @property
+    def _told_by(self) -> ToldBy:
+        """What a user corrects where the field of view is wrong."""
+        if self.parameters.use_camera_info:
+            return ToldBy("the field of view of camera_info", "camera_info_tolerance_percent")
+        if self.from_file is not None:
+            return ToldBy("the field of view of camera_file", "tolerance_percent in it")
+        return ToldBy()
+
+    def announced(self, camera: Camera) -> Camera:
+        """Return a camera of camera_info with what parameters say of it."""
+        p = self.parameters
+        return replace(
+            camera, parity=p.parity, tolerance_percent=p.camera_info_tolerance_percent
+        )
 
     def counted(self, centroids: Centroids) -> Centroids:
         """Return a frame's centroids, counted as the camera is.
@@ -166,13 +207,15 @@ class SolverSetup:
         if self.parameters.use_camera_info:
             return LearningTracker(
                 self.sources(camera), camera or _TYPICAL, self.settings,
-                parity=self.parameters.parity,
+                parity=self.parameters.parity, told_by=self._told_by,
             )
         told, sources = self.camera, self.sources(self.camera)
         own = Sources(
             lambda one: database if one == told else self.database_for(one), sources.ladder
         )
-        return LearningTracker(own, told, self.settings, parity=self.parameters.parity)
+        return LearningTracker(
+            own, told, self.settings, parity=self.parameters.parity, told_by=self._told_by
+        )
 
 
 @lru_cache(maxsize=2)
@@ -193,21 +236,36 @@ def _added_px(p: IdentifyParameters) -> float:
     return 0.0 if p.use_camera_info else PIXEL_ORIGINS[p.pixel_origin]
 
 
-def _camera(p: IdentifyParameters) -> Camera | None:
+def _read_file(p: IdentifyParameters) -> Camera | None:
+    """Return the camera of the file, None where there is none. Raises ValueError.
+
+    With camera_info it is a place to write to alone.
+    """
+    if not p.camera_file:
+        return None
+    file = Path(p.camera_file).expanduser()
+    if not file.parent.is_dir():
+        raise ParameterError(
+            f"camera_file {file} cannot be written: there is no folder {file.parent}, make it"
+        )
+    return read_camera(file) if file.exists() and not p.use_camera_info else None
+
+
+def _camera(p: IdentifyParameters, from_file: Camera | None) -> Camera | None:
     """Return the camera as told, None where its field of view is not. Raises ValueError."""
-    file = Path(p.camera_file).expanduser() if p.camera_file else None
-    if file is not None and file.exists():
-        camera = read_camera(file)
-        size = p.width_px or camera.width_px, p.height_px or camera.height_px
-        if (camera.width_px, camera.height_px) != size:
+    if from_file is not None:
+        size = p.width_px or from_file.width_px, p.height_px or from_file.height_px
+        if (from_file.width_px, from_file.height_px) != size:
             raise ValueError(
-                f"camera file {file} is for {camera.width_px} x {camera.height_px} px, width_px "
-                f"and height_px say {size[0]} x {size[1]}: calibrate this size, or correct them"
+                f"camera file {p.camera_file} is for {from_file.width_px} x {from_file.height_px} "
+                f"px, width_px and height_px say {size[0]} x {size[1]}: calibrate this size, or "
+                "correct them"
             )
-        return camera
+        return from_file if p.parity == "auto" else from_file.with_parity(p.parity)
     if not (p.width_px and p.height_px):
         raise ParameterError(
-            f"there is no camera file {file} yet: tell width_px and height_px until it is written"
+            f"there is no camera file {p.camera_file} yet: tell width_px and height_px until it "
+            "is written"
         )
     if p.fov_deg == 0:
         return None
