@@ -125,13 +125,13 @@ def picture_from_compressed(message: "sensor_msgs.msg.CompressedImage") -> Pictu
     Raises ImageError for data that cannot be decoded and for no pixels or too many.
     """
     try:
-        pixels = decode_image(bytes(message.data), MAX_PIXELS)
+        pixels = decode_image(bytes(message.data))
     except ImportError as error:
         raise ImageError("pillow", f"CompressedImage needs {error}") from error
     except ValueError as error:
         raise ImageError("compressed", (
             f"CompressedImage of format {shown(str(message.format))} cannot be decoded ({error}): "
-            "send JPEG or PNG"
+            "send JPEG or PNG, of 8 bits or grey of 16"
         )) from error
     _check_size("CompressedImage", pixels.shape[1], pixels.shape[0])
     # `bayer_rggb8; png compressed bayer_rggb8`, as image_transport writes it; where colours were

@@ -10,7 +10,7 @@ from star_tracker.calibration.camera_file import write_camera
 from star_tracker.calibration.camera_model import CENTER, PARAMETERS
 from star_tracker.calibration.many_frames import CalibratedFrames, Sighting, calibrate_frames
 from star_tracker.commands.frame_options import asked_of, paths_of
-from star_tracker.commands.options import Record
+from star_tracker.commands.options import Record, check_writable
 from star_tracker.commands.printing import cell, print_result
 from star_tracker.offline.frame_file import FileFrame
 from star_tracker.offline.solving import frames_of
@@ -25,7 +25,9 @@ def calibrate_files(options: argparse.Namespace) -> None:
     ValueError where nothing is left, and for images of several sizes.
     """
     asked = asked_of(options)
-    paths = [path for word in options.files for path in paths_of(word)]
+    check_writable(options.output)
+    # Each once: a frame that is named twice tells no more of the camera.
+    paths = list(dict.fromkeys(path for word in options.files for path in paths_of(word)))
     read = list(frames_of(paths, asked, Spread(min(options.jobs, len(paths) or 1))))
     frames = [frame for frame in read if isinstance(frame, FileFrame)]
     errors = [str(error) for error in read if isinstance(error, ValueError)]

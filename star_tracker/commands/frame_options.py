@@ -6,11 +6,13 @@ from glob import glob
 from pathlib import Path
 
 from star_tracker.calibration.camera_file import read_camera
+from star_tracker.catalogue.catalog import DEFAULT_LIMITING_MAGNITUDE, StarCatalog
 from star_tracker.commands.options import add_values
 from star_tracker.detection.centroids import DetectSettings
+from star_tracker.detection.image import BAYER_PATTERNS
 from star_tracker.maps.star_map import PAPER_MAPS, STAR_MAPS_FOLDER
 from star_tracker.offline.solving import Asked
-from star_tracker.optics.camera import PARITIES, PIXEL_ORIGINS
+from star_tracker.optics.camera import PARITIES, PIXEL_ORIGINS, Camera
 from star_tracker.resources import resource_path
 from star_tracker.solution import SolveSettings
 
@@ -72,7 +74,7 @@ def paths_of(word: str) -> list[Path]:
 
 
 def asked_of(options: argparse.Namespace) -> Asked:
-    """Return what the options say. Raises ValueError for what does not fit together."""
+    """Return what the options say. Raises ValueError for what cannot be or does not fit."""
     if (options.width_px is None) != (options.height_px is None):
         raise ValueError("--width-px and --height-px belong together")
     if not 0 < options.fov_min_deg <= options.fov_max_deg:
@@ -80,6 +82,18 @@ def asked_of(options: argparse.Namespace) -> Asked:
             f"--fov-min-deg {options.fov_min_deg:g} is not below --fov-max-deg "
             f"{options.fov_max_deg:g}: give the narrowest and the widest field of view in question"
         )
+    bayer = (options.bayer or "").lower()
+    if bayer not in ("", *BAYER_PATTERNS):
+        raise ValueError(f"--bayer {options.bayer} is unknown: use {', '.join(BAYER_PATTERNS)}")
+    # Looked at here, so that no file is read for options that cannot be honoured.
+    Camera.from_fov(
+        options.fov_deg if options.fov_deg != 0 else options.fov_min_deg, 1, 1,
+        tolerance_percent=options.fov_tolerance_percent,
+    )
+    StarCatalog.named(
+        options.catalog, epoch=options.epoch,
+        limiting_magnitude=options.limiting_magnitude or DEFAULT_LIMITING_MAGNITUDE,
+    )
     return Asked(
         camera=None if options.camera is None else read_camera(options.camera),
         fov_deg=options.fov_deg, fov_tolerance_percent=options.fov_tolerance_percent,
@@ -89,5 +103,5 @@ def asked_of(options: argparse.Namespace) -> Asked:
         catalog=options.catalog, epoch=options.epoch,
         limiting_magnitude=options.limiting_magnitude,
         settings=SolveSettings(method="match_group", deadline_ms=options.deadline_ms),
-        detect=DetectSettings(max_stars=options.max_stars), bayer=options.bayer or "",
+        detect=DetectSettings(max_stars=options.max_stars), bayer=bayer,
     )

@@ -3,6 +3,7 @@
 import argparse
 import json
 import math
+from pathlib import Path
 
 #: One answer as plain values, units in the names.
 Record = dict[str, object]
@@ -55,6 +56,16 @@ def check_positive(options: argparse.Namespace, *names: str) -> None:
         value = getattr(options, name)
         if value is not None and not 0 < value < math.inf:
             raise ValueError(f"--{name.replace('_', '-')} must be a number greater than 0")
+
+
+def check_writable(path: Path | None) -> None:
+    """Raise ValueError for a file that cannot be written, before there is anything to write."""
+    if path is None:
+        return
+    if path.is_dir():
+        raise ValueError(f"{path} is a folder: name a file")
+    if not path.parent.is_dir():
+        raise ValueError(f"{path} cannot be written: there is no folder {path.parent}")
 
 
 def json_text(record: Record, indent: int | None = None) -> str:

@@ -92,6 +92,8 @@ def execute(options: argparse.Namespace) -> None:
     bags = [path for path in paths if is_bag(path)]
     files = [path for path in paths if not is_bag(path)]
     _check(options, bags)
+    if options.stars or options.wcs or options.annotate:
+        _require_names_of_their_own(paths)
     output = Output(options)
     for word in (word for word, found in named.items() if not found):
         text = f"no file fits {word}: check the folder and the ending"
@@ -149,10 +151,24 @@ def _solve_bag(
             output.take(Result(path, None, None, str(error)))
 
 
+def _require_names_of_their_own(paths: Sequence[Path]) -> None:
+    """Raise ValueError for two files of one name, as what is written is called after them."""
+    named: dict[str, Path] = {}
+    for path in paths:
+        other = named.setdefault(path.name, path)
+        if other != path:
+            raise ValueError(
+                f"{other} and {path} have one name, and so would what is written of them: solve "
+                "them one after the other, or rename one"
+            )
+
+
 def _check(options: argparse.Namespace, bags: Sequence[Path]) -> None:
     """Raise ValueError for options that do not fit the files."""
     if options.output_bag is not None and len(bags) != 1:
         raise ValueError("--output-bag takes what comes of one bag: name one at a time")
+    if options.storage is not None and options.output_bag is None:
+        raise ValueError("--storage is that of --output-bag: name one")
     if options.annotate is not None:
         if bags:
             raise ValueError("--annotate draws over image files: leave it out for bags")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from star_tracker.commands.options import Record, json_text
+from star_tracker.commands.options import Record, check_writable, json_text
 from star_tracker.geometry.spherical import ra_dec
 from star_tracker.offline.image_file import read_image
 from star_tracker.offline.solving import Result
@@ -17,8 +17,8 @@ from star_tracker.resources import write_whole
 
 _COLUMNS = (
     "file", "topic", "frame", "stamp_ns", "status", "ra_deg", "dec_deg", "roll_deg", "fov_deg",
-    "parity", "n_detected", "n_identified", "wrong_probability", "rms_px", "detect_ms",
-    "solve_ms", "reason",
+    "parity", "n_detected", "n_ignored", "n_surplus", "n_identified", "wrong_probability",
+    "rms_px", "detect_ms", "solve_ms", "reason",
 )
 _STAR_COLUMNS = (
     "x_px", "y_px", "hip", "v_mag", "ra_deg", "dec_deg", "residual_px", "state",
@@ -35,13 +35,14 @@ class Output:
     Attributes:
         failed: whether a file or a frame could not be used at all.
 
-    Raises ValueError for a folder that cannot be made.
+    Raises ValueError for a folder that cannot be made, and a file that cannot be written.
     """
 
     def __init__(self, options: argparse.Namespace) -> None:
         self._options = options
         self._rows: list[Record] = []
         self.failed = False
+        check_writable(options.csv)
         for folder in (options.stars, options.wcs, options.annotate):
             if folder is not None:
                 try:
@@ -85,7 +86,9 @@ def record_of(result: Result) -> Record:
     record |= {
         "status": solution.status.value, "ra_deg": None,
         "dec_deg": None, "roll_deg": None, "fov_deg": None, "parity": solution.parity,
-        "n_detected": len(frame.xy_px), "n_identified": len(solution.identification.identified),
+        "n_detected": len(frame.xy_px), "n_ignored": solution.n_ignored,
+        "n_surplus": solution.n_surplus,
+        "n_identified": len(solution.identification.identified),
         "wrong_probability": solution.wrong_probability, "rms_px": solution.rms_px,
         "detect_ms": frame.detect_ms, "solve_ms": solution.solve_ms, "reason": solution.reason,
     }
@@ -105,11 +108,15 @@ def line_of(record: Record) -> str:
     values: dict[str, Any] = {**record, "at": record["file"]}
     if "topic" in record:
         values["at"] = "{file} {topic} {frame} {stamp_ns}".format(**record)
+    values["left_out"] = ", {n_ignored} outside".format(**record) if record["n_ignored"] else ""
     if record["ra_deg"] is None:
-        return "{status:9} {at}  {n_detected} stars: {reason}".format(**values)
+        return "{status:9} {at}  {n_detected} stars{left_out}: {reason}".format(**values)
+    # What is rounded to a full turn is none.
+    values["ra_deg"] = round(values["ra_deg"], 4) % 360
+    values["roll_deg"] = round(values["roll_deg"], 2) % 360
     return (
         "SOLVED    {at}  RA {ra_deg:.4f} Dec {dec_deg:+.4f} roll {roll_deg:.2f} deg  "
-        "field {fov_deg:.4g} deg {parity}  {n_identified} of {n_detected} stars  "
+        "field {fov_deg:.4g} deg {parity}  {n_identified} of {n_detected} stars{left_out}  "
         "p(wrong) {wrong_probability:.0e}  rms {rms_px:.2f} px"
     ).format(**values)
 

@@ -7,15 +7,16 @@ import numpy as np
 
 from star_tracker.geometry.spherical import Floats
 
-#: Names of the columns as they may be written.
-_HEADS = {("x", "y"), ("x", "y", "intensity"), ("x_px", "y_px"), ("x_px", "y_px", "intensity")}
+#: Names of the columns, each as it may be written, in any order and among others.
+_X, _Y, _INTENSITY = ("x", "x_px"), ("y", "y_px"), ("intensity",)
 
 
 def read_frame(path: Path) -> tuple[Floats, Floats | None]:
     """Return the centroids (n, 2), px, and their intensities (n,), or None, of a CSV file.
 
-    Its columns are x, y and, where known, intensity (larger = brighter), under a head that names
-    them; lines that begin with # are remarks. Raises ValueError with the file's name and what is
+    Its columns are x (to the right), y and, where known, intensity (larger = brighter), in any
+    order under a head that names them; others are left aside, and lines that begin with # are
+    remarks. Raises ValueError with the file's name and what is
     wrong in it.
     """
     try:
@@ -23,21 +24,32 @@ def read_frame(path: Path) -> tuple[Floats, Floats | None]:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not text in UTF-8"
         raise ValueError(f"frame {path} cannot be read: {reason}") from error
-    rows = [
-        tuple(cell.strip() for cell in row)
-        for row in csv.reader(line for line in lines if line.strip() and line[0] != "#")
+    try:
+        rows = [
+            tuple(cell.strip() for cell in row)
+            for row in csv.reader(line for line in lines if line.strip() and line[0] != "#")
+        ]
+    except csv.Error as error:
+        raise ValueError(f"frame {path}: not a table of numbers ({error})") from error
+    head = rows[0] if rows else ()
+    columns = [
+        [at for at, name in enumerate(head) if name in names] for names in (_X, _Y, _INTENSITY)
     ]
-    if not rows or rows[0] not in _HEADS:
+    if [len(found) for found in columns] not in ([1, 1, 0], [1, 1, 1]):
         raise ValueError(
-            f"frame {path}: the first line must name the columns: x,y or x,y,intensity"
+            f"frame {path}: the first line must name the columns: x, y and, where it is known, "
+            "intensity"
         )
     wrong = [row for row in rows if len(row) != len(rows[0])]
     if wrong:
         raise ValueError(
             f"frame {path}: the row {','.join(wrong[0])!r} does not have {len(rows[0])} columns"
         )
+    places = [at for found in columns for at in found]
     try:
-        values = np.array(rows[1:], float).reshape(-1, len(rows[0]))
+        values = np.array(
+            [[row[at] for at in places] for row in rows[1:]], float
+        ).reshape(-1, len(places))
     except ValueError as error:
         raise ValueError(f"frame {path}: not a table of numbers ({error})") from error
     if not np.all(np.isfinite(values)):

@@ -79,7 +79,12 @@ def read_star_map(path: Path) -> StarMap:
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"star map {path} cannot be read: {error}") from error
     keys = dict(_key_value(line[1:]) for line in lines if line.startswith("#") and ":" in line)
-    body = list(csv.reader(line for line in lines if line.strip() and not line.startswith("#")))
+    try:
+        body = list(
+            csv.reader(line for line in lines if line.strip() and not line.startswith("#"))
+        )
+    except csv.Error as error:
+        raise ValueError(f"star map {path}: not a table of numbers ({error})") from error
     if not body or tuple(body[0]) != _COLUMNS:
         raise ValueError(f"star map {path}: the columns must be {','.join(_COLUMNS)}")
     if any(len(row) != len(_COLUMNS) for row in body):

@@ -142,6 +142,14 @@ def test_options_that_do_not_fit_a_star_map_are_refused(capsys, words, sentence)
     assert sentence in err
 
 
+def test_a_frame_counts_once_however_often_it_is_named(lists, capsys):
+    counted = [
+        json.loads(run(capsys, *words, *SIZE, "--fov-deg", "29", "--json")[1])["frames"]
+        for words in (lists, [*lists, *lists])
+    ]
+    assert counted == [6, 6]
+
+
 def test_images_of_several_sizes_are_of_several_cameras(lists, capsys):
     code, _, err = run(capsys, *lists, "7", *SIZE, "--fov-deg", "30")
     assert code == 2

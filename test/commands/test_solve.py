@@ -10,6 +10,7 @@ import pytest
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.commands import cli
+from star_tracker.commands.solve_output import line_of
 from star_tracker.detection.detect import detect_stars
 from star_tracker.detection.render import render
 from star_tracker.detection.render_settings import RenderSettings
@@ -319,7 +320,52 @@ def test_a_picture_too_large_is_refused_before_it_is_read(picture, tmp_path, cap
     assert lines[1].startswith("SOLVED ")
 
 
+def test_files_of_one_name_do_not_overwrite_what_is_written_of_each_other(tmp_path, capsys):
+    files = []
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        files.append(tmp_path / folder / "frame.csv")
+        files[-1].write_text("x,y\n1,2\n")
+    size = ["--width-px", "512", "--height-px", "512"]
+    code, lines, err = run(capsys, *files, *size, "--stars", tmp_path / "stars")
+    assert (code, lines) == (2, [])
+    assert "have one name, and so would what is written of them" in err
+    assert not (tmp_path / "stars").exists()
+    assert len(run(capsys, *files, *size)[1]) == 2  # nothing is written
+    assert run(capsys, files[0], files[0], *size, "--stars", tmp_path / "stars")[0] == 0
+
+
+def test_a_line_says_how_many_centroids_lie_outside(tmp_path, capsys):
+    path = tmp_path / "frame.csv"
+    path.write_text("x,y\n1,2\n50,60\n600,70\n")
+    size = ["--width-px", "512", "--height-px", "512"]
+    _, (line,), _ = run(capsys, path, *size)
+    assert "3 stars, 1 outside: 2 stars, at least 4 are needed" in line
+    (record,) = records(capsys, path, *size)
+    assert (record["n_detected"], record["n_ignored"], record["n_surplus"]) == (3, 1, 0)
+
+
+@pytest.mark.parametrize(("angle", "shown"), [(359.99997, "0.00"), (359.99, "359.99")])
+def test_a_full_turn_is_none(angle, shown):
+    record = {
+        "status": "SOLVED", "file": "a", "ra_deg": angle, "dec_deg": 0.0, "roll_deg": angle,
+        "fov_deg": 12.0, "parity": "normal", "n_identified": 5, "n_detected": 5, "n_ignored": 0,
+        "wrong_probability": 0.0, "rms_px": 0.1,
+    }
+    line = line_of(record)
+    assert f"roll {shown} deg" in line
+    assert f"RA {shown}" in line
+
+
 @pytest.mark.parametrize(("options", "text"), [
+    (["--fov-deg", "-5"], "fov_deg -5 is outside of"),
+    (["--fov-deg", "nan"], "fov_deg nan is outside of"),
+    (["--fov-tolerance-percent", "nan"], "tolerance_percent nan is outside of"),
+    (["--epoch", "26.9"], "epoch 26.9 is outside of"),
+    (["--catalog", "tycho"], "catalog 'tycho' is unknown"),
+    (["--limiting-magnitude", "-30"], "limiting_magnitude -30 is outside of"),
+    (["--bayer", "xyzw"], "--bayer xyzw is unknown: use rggb"),
+    (["--storage", "sqlite3"], "--storage is that of --output-bag: name one"),
     (["--jobs", "0"], "--jobs must be at least 1"),
     (["--output-bag", "out"], "--output-bag takes what comes of one bag: name one at a time"),
     (["--csv", "no/such/folder/x.csv"], "no/such/folder/x.csv cannot be written: "),

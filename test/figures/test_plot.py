@@ -297,6 +297,9 @@ def test_what_cannot_be_drawn_is_refused_in_a_line(capsys, tmp_path):
     ("x,y\n1,2,3\n", "the row '1,2,3' does not have 2 columns"),
     ("x,y\n1,b\n", "not a table of numbers"),
     ("x,y\n1,nan\n", "a value is not a finite number"),
+    ("row,col\n1,2\n", "first line must name the columns"),
+    ("x,x_px,y\n1,2,3\n", "first line must name the columns"),
+    (f"x,y\n1,{'2' * 200_000}\n", "not a table of numbers .field larger than"),
 ])
 def test_a_damaged_frame_is_refused_with_its_name(tmp_path, text, complaint):
     path = tmp_path / "frame.csv"
@@ -304,6 +307,14 @@ def test_a_damaged_frame_is_refused_with_its_name(tmp_path, text, complaint):
     with pytest.raises(ValueError, match=complaint) as caught:
         read_frame(path)
     assert str(path) in str(caught.value)
+
+
+def test_columns_are_found_by_their_names(tmp_path):
+    path = tmp_path / "frame.csv"
+    path.write_text("id,y,intensity,x\nfirst,2,30,1\nsecond,4,50,3\n", encoding="utf-8")
+    xy, intensity = read_frame(path)
+    np.testing.assert_array_equal(xy, [[1, 2], [3, 4]])
+    np.testing.assert_array_equal(intensity, [30, 50])
 
 
 def test_a_frame_in_another_encoding_is_refused(tmp_path):

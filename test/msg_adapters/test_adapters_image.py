@@ -8,7 +8,6 @@ import pytest
 from ros_helpers import new_header
 from sensor_msgs.msg import CompressedImage, Image
 
-from star_tracker.msg_adapters import image as module
 from star_tracker.msg_adapters.image import (
     ENCODINGS,
     ImageError,
@@ -18,6 +17,7 @@ from star_tracker.msg_adapters.image import (
     picture_from_compressed,
     picture_from_image,
 )
+from star_tracker.offline import image_file
 
 RNG = np.random.default_rng(5)
 #: Values of a pixel by the encoding's first word.
@@ -178,18 +178,19 @@ def test_data_that_is_no_picture_is_refused_in_one_sentence():
     with pytest.raises(ImageError) as caught:
         picture_from_compressed(message)
     assert (caught.value.kind, str(caught.value)) == ("compressed", (
-        "CompressedImage of format jpeg cannot be decoded (it is no image): send JPEG or PNG"
+        "CompressedImage of format jpeg cannot be decoded (it is no image): send JPEG or PNG, of 8 "
+        "bits or grey of 16"
     ))
 
 
 def test_a_picture_too_large_is_not_even_decoded(monkeypatch):
     pytest.importorskip("PIL", reason="Pillow is not installed")
-    monkeypatch.setattr(module, "MAX_PIXELS", 14)
+    monkeypatch.setattr(image_file, "MAX_PIXELS", 14)
     with pytest.raises(ImageError) as caught:
         picture_from_compressed(compressed_from_picture(picture_of("mono8"), new_header()))
     assert str(caught.value) == (
         "CompressedImage of format mono8; png compressed mono8 cannot be decoded (it has 5 x 3 "
-        "px): send JPEG or PNG"
+        "px, more than 0 million: bin or crop it): send JPEG or PNG, of 8 bits or grey of 16"
     )
 
 
