@@ -11,7 +11,7 @@ import numpy as np
 
 from star_tracker.geometry.rotation import rotation_matrix, write_quaternion
 from star_tracker.geometry.spherical import Floats
-from star_tracker.msg_adapters import MessageError, shown
+from star_tracker.msg_adapters import shown
 
 if TYPE_CHECKING:
     import std_msgs.msg
@@ -61,17 +61,22 @@ def tf_from_rotation(turned: FrameRotation, header: "std_msgs.msg.Header") -> An
     return tf_message_type()(transforms=[transform])
 
 
-def rotations_from_tf(message: Any) -> list[FrameRotation]:
-    """Read the rotations of a TFMessage. Raises MessageError for a quaternion that is none."""
-    return [_rotation_of(transform) for transform in message.transforms]
+def rotations_from_tf(message: Any) -> tuple[list[FrameRotation], list[str]]:
+    """Read the rotations of a TFMessage; return them, and a sentence for each that is none."""
+    read = [_rotation_of(transform) for transform in message.transforms]
+    return (
+        [one for one in read if isinstance(one, FrameRotation)],
+        [one for one in read if isinstance(one, str)],
+    )
 
 
-def _rotation_of(transform: Any) -> FrameRotation:
+def _rotation_of(transform: Any) -> FrameRotation | str:
+    """Return a transform's rotation, or what is wrong with it."""
     parent, child = str(transform.header.frame_id), str(transform.child_frame_id)
     q = transform.transform.rotation
     quaternion = np.array([q.x, q.y, q.z, q.w], float)
     if not abs(np.linalg.norm(quaternion) - 1) < 0.01:
-        raise MessageError(
+        return (
             f"the transform from {shown(parent)} to {shown(child)} has the quaternion "
             f"{quaternion.tolist()}: its length must be 1"
         )

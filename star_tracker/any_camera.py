@@ -3,7 +3,9 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,7 +57,7 @@ class AnyCameraTracker:
             raise ValueError("a ladder needs at least one step")
         self.settings, self.steps = settings or SolveSettings(), tuple(steps)
         self._brightest = replace(self.settings, max_centroids=_BRIGHTEST)
-        self._both = parity == "auto"
+        self._parity, self._both = parity, parity == "auto"
         setup = setup_of(replace(self.settings, method=METHODS[0]), both_parities=self._both)
         self._limits = setup.limits
         reach = math.log(
@@ -71,6 +73,10 @@ class AnyCameraTracker:
             searchers = setup.searchers(database, with_mirror_image(camera), prior)
             self._rungs.append((stars_in_view(len(database.catalog), camera), searchers))
         self.solve(np.zeros((0, 2)))  # compiles the path, which would take a frame's time
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy or pickle it as what it was made with: another process makes its own of that."""
+        return partial(AnyCameraTracker, parity=self._parity), (self.steps, self.settings)
 
     @property
     def searchers(self) -> list[Searcher]:

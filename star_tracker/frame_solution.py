@@ -61,12 +61,14 @@ def received(
     xy = _plain(xy_px)
     shape = xy.shape
     if len(shape) != 2 or shape[1] != 2:
-        raise ValueError(f"centroids have shape {shape}: give an array (n, 2) of x, y")
+        if shape != (0,):
+            raise ValueError(f"centroids have shape {shape}: give an array (n, 2) of x, y")
+        xy = np.empty((0, 2))  # a list of none, as of a detector that finds nothing
     if deadline_ms is None:
         deadline_ms = settings.deadline_ms
     elif not deadline_ms > 0:
         raise ValueError(f"deadline_ms is {deadline_ms}: it must be greater than 0")
-    n = shape[0]
+    n = len(xy)
     brightness = _UNKNOWN
     if intensity is not None:
         brightness = _plain(intensity)
@@ -88,10 +90,15 @@ def received(
 def _plain(values: ArrayLike) -> Floats:
     """Return an array as the path is compiled for: for others it would be compiled again.
 
-    One that is read-only (of a message, say) or not aligned is copied.
+    One that is read-only (of a message, say) or not aligned is copied. What is masked is not a
+    number. Raises ValueError for complex numbers.
     """
     if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.flags.carray:
         return values  # nearly always: `asarray` takes longer to find that out
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.ma.filled(values.astype(np.float64), np.nan)
+    if np.iscomplexobj(values):
+        raise ValueError("centroids and intensities are real numbers, not complex ones")
     array = np.asarray(values, np.float64, order="C")
     return array if array.flags.carray else array.copy()
 

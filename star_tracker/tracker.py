@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,6 +53,7 @@ class StarTracker:
     ) -> None:
         self.database = database
         self.camera = camera
+        self._own_candidates = candidates
         self.settings = s = settings or SolveSettings()
         method = s.method
         if method == "auto" and candidates is None and not database.patterns_available:
@@ -116,6 +118,11 @@ class StarTracker:
         if first.ended == Ended.TOO_FEW:
             return refused(task, first)
         return judged(task, self._escalation.run(task))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy or pickle it as what it was made with: another process makes its own of that."""
+        made = partial(StarTracker, candidates=self._own_candidates)
+        return made, (self.database, self.camera, self.settings)
 
     def expect(self, what: Expectation | None) -> None:
         """Use what earlier frames have taught of centroids for those that come; None forgets.

@@ -13,7 +13,7 @@ from star_tracker.geometry.rotation import boresight_of, rotation_matrix, write_
 from star_tracker.geometry.spherical import Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no one answer
 class Attitude:
     """Where the camera points.
 

@@ -40,9 +40,18 @@ _PAPER_PLACES_DEG = {2411: (169.546833333, 31.530777778), 3306: (241.090125, -11
 _MAS_TO_RAD = np.pi / 180 / 3600e3
 
 
+#: Types of a catalogue's columns.
+_COLUMNS = {
+    "vectors": np.float64, "v_mag": np.float64, "hip": np.int64, "number": np.int64,
+    "gaia_source": np.int64,
+}
+
+
 @dataclass(frozen=True)
 class StarCatalog:
     """Guide stars in a fixed order; a star's index in these arrays is its catalogue index.
+
+    Raises ValueError for columns that do not belong together, and for what is no star.
 
     Attributes:
         vectors: (n, 3) unit vectors, ICRS axes, at `epoch`.
@@ -63,7 +72,11 @@ class StarCatalog:
     gaia_source: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     def __post_init__(self) -> None:
+        for name, kind in _COLUMNS.items():
+            object.__setattr__(self, name, np.asarray(getattr(self, name), kind))
         n = len(self.vectors)
+        if n == 0:
+            raise ValueError("the catalogue has no star")
         if self.vectors.shape != (n, 3):
             raise ValueError(f"catalogue vectors have shape {self.vectors.shape}, not (n, 3)")
         columns = ("v_mag", "hip", "number", *(["gaia_source"] if len(self.gaia_source) else []))
@@ -73,6 +86,8 @@ class StarCatalog:
         lengths = np.linalg.norm(self.vectors, axis=1)
         if not np.allclose(lengths, 1.0, rtol=0, atol=1e-9):
             raise ValueError("catalogue vectors are not unit vectors")
+        if not np.all(np.isfinite(self.v_mag)):
+            raise ValueError("a magnitude of the catalogue is not a finite number")
 
     def __len__(self) -> int:
         return len(self.vectors)

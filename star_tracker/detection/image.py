@@ -9,6 +9,8 @@ from star_tracker.detection.planes import Plane, plane
 
 #: Larger images are refused: the largest sensors have 150 million pixels.
 MAX_PIXELS = 160_000_000
+#: No camera's counts, and a square of it is near the end of single precision.
+_LARGEST_VALUE = 1e18
 #: Colours of the first two pixels of the first two rows.
 BAYER_PATTERNS = ("rggb", "bggr", "grbg", "gbrg")
 #: A sensor leaves its straight line a little below its end, and JPEG ripples there.
@@ -121,11 +123,20 @@ def _one_plane(values: NDArray[np.generic], name: str) -> Plane:
 
 
 def _only_finite(pixels: Plane) -> bool:
-    """Turn what is not finite into NaN; return whether a finite pixel is left."""
+    """Turn what is not finite into NaN; return whether a finite pixel is left.
+
+    Raises ValueError for pixels whose squares single precision does not hold.
+    """
     # A sum is not finite where a pixel is not: one quick look, nearly always enough.
     with np.errstate(over="ignore", invalid="ignore"):
-        if np.isfinite(np.sum(pixels, dtype=np.float64)):
+        total = np.sum(pixels, dtype=np.float64)
+        if np.isfinite(total) and abs(total) < _LARGEST_VALUE:
             return pixels.size > 0
+        largest = np.max(np.abs(pixels, where=np.isfinite(pixels), out=np.zeros_like(pixels)))
+    if largest > _LARGEST_VALUE:
+        raise ValueError(
+            f"the image holds values of {largest:.3g}: scale them to below {_LARGEST_VALUE:g}"
+        )
     bad = ~np.isfinite(pixels)
     pixels[bad] = np.nan
     return not bool(bad.all())

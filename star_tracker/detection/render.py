@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from star_tracker.catalogue.catalog import StarCatalog
 from star_tracker.compiled import compiled
+from star_tracker.detection.image import MAX_PIXELS
 from star_tracker.detection.psf import Psf, round_shape
 from star_tracker.detection.render_settings import RenderedImage, RenderSettings
 from star_tracker.geometry.spherical import Floats, unit_vectors
@@ -36,8 +37,10 @@ def render(
     """Return the image of the sky at a rotation (3, 3), camera to ICRS.
 
     Stars are Gaussians summed over pixels. All light has shot noise. The camera's distortion and
-    parity hold; its parity must be definite. Raises ValueError for parity `auto`.
+    parity hold; its parity must be definite. Raises ValueError for parity `auto`, and for an image
+    larger than those that stars are looked for in.
     """
+    check_size(camera)
     asked = settings or RenderSettings()
     rng = np.random.default_rng(asked.seed)
     shape = (camera.height_px, camera.width_px)
@@ -56,6 +59,15 @@ def render(
         for k, letter in enumerate(asked.bayer):
             light[k // 2 :: 2, k % 2 :: 2] *= asked.bayer_response["rgb".index(letter)]
     return RenderedImage(_read_out(light, asked, rng), xy, index, electrons, rotation)
+
+
+def check_size(camera: Camera) -> None:
+    """Raise ValueError where an image would have too many pixels."""
+    if camera.width_px * camera.height_px > MAX_PIXELS:
+        raise ValueError(
+            f"an image of {camera.width_px} x {camera.height_px} px has more than "
+            f"{MAX_PIXELS // 1_000_000} million pixels: make it smaller"
+        )
 
 
 def _lights(

@@ -42,7 +42,7 @@ class StarState(IntEnum):
     DISPLACED = 2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no one answer
 class Identification:
     """One row for each centroid of the frame, in input order.
 

@@ -92,6 +92,12 @@ class _Topic:
             durability=_BEST if self.latched else DurabilityPolicy.VOLATILE,
         )
 
+    def qos_of_what_is_kept(self) -> QoSProfile:
+        return QoSProfile(
+            depth=self.depth, reliability=ReliabilityPolicy.BEST_AVAILABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        )
+
 
 def subscribe(
     node: Node, kind: Any, topic: str, depth: int,
@@ -108,7 +114,7 @@ def subscribe(
         callback: called with a message and what the middleware knows of it.
         on_publishers: called with the number of publishers when it has changed.
     """
-    _subscribe(node, _Topic(kind, topic, depth, False, callback, on_publishers))
+    _Subscription(node, _Topic(kind, topic, depth, False, callback, on_publishers))
 
 
 def subscribe_latched(
@@ -116,56 +122,84 @@ def subscribe_latched(
     callback: Callable[[Any, Mapping[str, Any]], None],
 ) -> None:
     """Subscribe as `subscribe`, and hear what a publisher keeps for those that come later."""
-    _subscribe(node, _Topic(kind, topic, depth, True, callback))
+    _Subscription(node, _Topic(kind, topic, depth, True, callback))
 
 
-def _subscribe(node: Node, topic: _Topic) -> None:
-    """Subscribe, and again where the publishers that there are by then need another QoS.
+class _Subscription:
+    """A subscription that is made again where the publishers there are by then need another QoS.
 
     BEST_AVAILABLE is settled when the subscription is made, as the stricter policy where no
     publisher is known yet. One with the laxer policy that appears later does not match then, but
     announces itself as incompatible: subscribing again settles it anew, with that publisher known.
     For durability it is the other way round, lest each camera that starts later should complain:
-    without a publisher it is VOLATILE, until one comes that keeps its messages.
+    without a publisher it is VOLATILE, until one comes that keeps its messages. Where some keep
+    them and others do not, what is kept comes over a second subscription.
     """
-    settled: dict[str, bool] = {}
 
-    def settle(qos: QoSProfile) -> SetParametersResult:
-        settled["best"] = qos.durability == _BEST  # unless a user has overridden it
-        if settled["best"] and not node.get_publishers_info_by_topic(name):
+    def __init__(self, node: Node, topic: _Topic) -> None:
+        self._node, self._topic = node, topic
+        self._name = node.resolve_topic_name(topic.name)
+        self._second: Any = None
+        self._is_best = False
+        events = SubscriptionEventCallbacks(
+            incompatible_qos=self._on_incompatible, matched=self._on_matched
+        )
+        self._subscription = node.create_subscription(
+            topic.kind, topic.name, topic.callback, topic.qos(), event_callbacks=events,
+            qos_overriding_options=QoSOverridingOptions(_SUBSCRIBED, callback=self._settle),
+        )
+
+    def _settle(self, qos: QoSProfile) -> SetParametersResult:
+        self._is_best = qos.durability == _BEST  # unless a user has overridden it
+        if self._is_best and not self._node.get_publishers_info_by_topic(self._name):
             qos.durability = DurabilityPolicy.VOLATILE
         return SetParametersResult(successful=True)
 
-    def again() -> None:
-        node.destroy_subscription(subscription)
-        _subscribe(node, topic)
+    def _again(self) -> None:
+        self._node.destroy_subscription(self._subscription)
+        if self._second is not None:
+            self._node.destroy_subscription(self._second)
+        _Subscription(self._node, self._topic)
 
-    def incompatible(_: Any) -> None:
-        node.get_logger().info(f"{topic.name}: subscribing again for a publisher of another QoS")
-        again()
+    def _on_incompatible(self, _: Any) -> None:
+        self._node.get_logger().info(
+            f"{self._topic.name}: subscribing again for a publisher of another QoS"
+        )
+        self._again()
 
-    def matched(info: Any) -> None:
-        if topic.on_publishers is not None:
-            topic.on_publishers(int(info.current_count))
-        came = info.current_count_change > 0
-        if came and settled["best"] and _misses_what_is_kept(node, name):
-            again()
+    def _on_matched(self, info: Any) -> None:
+        if self._topic.on_publishers is not None:
+            self._topic.on_publishers(int(info.current_count))
+        if info.current_count_change <= 0 or not self._is_best or self._second is not None:
+            return
+        kept, all_keep = _keeping(self._node, self._name)
+        if kept and all_keep:
+            self._again()
+        elif kept:
+            self._hear_what_is_kept()
 
-    name = node.resolve_topic_name(topic.name)
-    events = SubscriptionEventCallbacks(incompatible_qos=incompatible, matched=matched)
-    subscription = node.create_subscription(
-        topic.kind, topic.name, topic.callback, topic.qos(), event_callbacks=events,
-        qos_overriding_options=QoSOverridingOptions(_SUBSCRIBED, callback=settle),
-    )
+    def _hear_what_is_kept(self) -> None:
+        topic = self._topic
+        # Those that keep nothing are incompatible with it, which is all right.
+        events = SubscriptionEventCallbacks(incompatible_qos=lambda _: None)
+        self._second = self._node.create_subscription(
+            topic.kind, topic.name, topic.callback, topic.qos_of_what_is_kept(),
+            event_callbacks=events,
+        )
 
 
-def _misses_what_is_kept(node: Node, name: str) -> bool:
-    """Return whether all publishers of a topic keep messages that this node did not ask for."""
+def _keeping(node: Node, name: str) -> tuple[bool, bool]:
+    """Return whether some publishers keep messages that this node does not hear, and whether all.
+
+    It hears them where it did not ask for VOLATILE.
+    """
     me = (node.get_name(), node.get_namespace())
     mine = [
         info.qos_profile.durability for info in node.get_subscriptions_info_by_topic(name)
         if (info.node_name, info.node_namespace) == me
     ]
-    theirs = [info.qos_profile.durability for info in node.get_publishers_info_by_topic(name)]
-    kept = all(one == DurabilityPolicy.TRANSIENT_LOCAL for one in theirs)
-    return kept and DurabilityPolicy.VOLATILE in mine
+    keep = [
+        info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        for info in node.get_publishers_info_by_topic(name)
+    ]
+    return any(keep) and DurabilityPolicy.VOLATILE in mine, all(keep)

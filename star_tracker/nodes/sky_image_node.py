@@ -1,23 +1,20 @@
 """sky_image_node: images of a sky that turns, with their `camera_info` and the true attitude."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import QuaternionStamped
-from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.catalogue.catalog import StarCatalog
-from star_tracker.detection.render import render
+from star_tracker.detection.render import check_size, render
 from star_tracker.geometry.spherical import Floats
 from star_tracker.msg_adapters.attitude import quaternion_from_attitude
 from star_tracker.msg_adapters.camera_info import info_from_camera
@@ -25,15 +22,12 @@ from star_tracker.msg_adapters.image import Picture, image_from_picture
 from star_tracker.nodes.declaring import DeclaringNode, ParameterError, declare, unknown_parameters
 from star_tracker.nodes.listening import PUBLISHED, overrides_checked
 from star_tracker.nodes.running import run
+from star_tracker.nodes.sending import Sending
 from star_tracker.nodes.sky_parameters import SkyImageParameters
 from star_tracker.optics.camera import PIXEL_ORIGINS
 
 #: The faintest stars that are rendered.
 _FAINTEST_MAG = 8.0
-_LOOK_FOR_SUBSCRIBER_S = 0.05
-#: As replay_node: who wants several topics is not discovered on all at once.
-_GRACE_S = 3.0
-_ACKNOWLEDGE_S = 10.0
 _DEPTH = 5
 
 
@@ -52,6 +46,7 @@ class SkyImageNode(DeclaringNode):
         try:
             self._told, given = declare(self, SkyImageParameters)
             self._camera, self._settings = self._told.camera, self._told.settings
+            check_size(self._camera)
             self._catalog = StarCatalog.hipparcos(
                 limiting_magnitude=_FAINTEST_MAG, min_separation_deg=0.0, epoch=self._told.epoch
             )
@@ -60,9 +55,10 @@ class SkyImageNode(DeclaringNode):
             self.destroy_node()
             raise ParameterError(str(error)) from error
         self._sent = 0
-        self._found: Time | None = None
         self._first_ns = 0
-        self._timer = self.create_timer(_LOOK_FOR_SUBSCRIBER_S, self._wait_for_subscriber)
+        self._sending = Sending(
+            self, self._images, self._infos, self._told.rate_hz, self._send_next, "images"
+        )
         for sentence in unknown_parameters(self, given):
             self.get_logger().warning(sentence)
         self.get_logger().info(
@@ -78,26 +74,10 @@ class SkyImageNode(DeclaringNode):
             self._infos = make(CameraInfo, "camera_info", qos)
             self._truth = make(QuaternionStamped, "truth/attitude", qos)
 
-    def _wait_for_subscriber(self) -> None:
-        if self._images.get_subscription_count() == 0:
-            return
-        now = self.get_clock().now()
-        self._found = self._found or now
-        if self._infos.get_subscription_count() == 0:
-            if now - self._found < Duration(seconds=_GRACE_S):
-                return
-            self.get_logger().info("nobody listens to camera_info, starting all the same")
-        self._again_every(1 / self._told.rate_hz, self._send_next)
-
-    def _again_every(self, period_s: float, callback: Callable[[], None]) -> None:
-        self.destroy_timer(self._timer)
-        self._timer = self.create_timer(period_s, callback)
-
-    def _send_next(self) -> None:
+    def _send_next(self) -> bool:
+        """Send the next image; return False after the last one."""
         if self._sent == self._told.count > 0:
-            self._give_up = self.get_clock().now() + Duration(seconds=_ACKNOWLEDGE_S)
-            self._again_every(_LOOK_FOR_SUBSCRIBER_S, self._wait_for_acknowledgement)
-            return
+            return False
         now = self.get_clock().now()
         self._first_ns = self._first_ns if self._sent else now.nanoseconds
         rotation, rate = self._told.rotation_at((now.nanoseconds - self._first_ns) / 1e9)
@@ -109,6 +89,7 @@ class SkyImageNode(DeclaringNode):
             stamp=now.to_msg(), frame_id=self._told.camera_frame
         ))
         self._sent += 1
+        return True
 
     def _publish(self, pixels: np.ndarray, rotation: Floats, header: Header) -> None:
         self._infos.publish(info_from_camera(
@@ -119,14 +100,6 @@ class SkyImageNode(DeclaringNode):
             attitude, Header(stamp=header.stamp, frame_id="icrs")
         ))
         self._images.publish(image_from_picture(Picture(pixels), self._told.encoding, header))
-
-    def _wait_for_acknowledgement(self) -> None:
-        # In short waits, as replay_node's: rclpy waits without releasing the GIL.
-        acknowledged = self._images.wait_for_all_acked(Duration(seconds=0.01))
-        if not acknowledged and self.get_clock().now() < self._give_up:
-            return
-        self.get_logger().info(f"{self._sent} images sent")
-        raise ExternalShutdownException
 
 
 def main(args: Sequence[str] | None = None) -> int:

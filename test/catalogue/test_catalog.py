@@ -480,3 +480,20 @@ def test_a_file_with_a_star_that_is_nowhere_is_refused_by_name(tmp_path, column)
     path = tmp_path / "nan.npy"
     np.save(path, rows)
     assert refused_by_name(path) == f"star catalogue {path} is damaged: rebuild it (make data)"
+
+
+@pytest.mark.parametrize(("columns", "text"), [
+    (([], [], [], []), "the catalogue has no star"),
+    (([[1, 0, 0]], [np.nan], [0], [0]), "a magnitude of the catalogue is not a finite number"),
+    (([[2, 0, 0]], [1.0], [0], [0]), "catalogue vectors are not unit vectors"),
+    (([[1, 0, 0]], [1.0, 2.0], [0], [0]), "catalogue v_mag does not have one value for each of 1"),
+])
+def test_what_is_no_catalogue_is_refused(columns, text):
+    with pytest.raises(ValueError, match=text):
+        StarCatalog(*columns)
+
+
+def test_columns_may_be_lists():
+    catalog = StarCatalog([[1, 0, 0], [0, 1, 0]], [3, 4], [0, 0], [0, 0])
+    assert (catalog.vectors.dtype, catalog.hip.dtype) == (np.float64, np.int64)
+    assert len(catalog) == 2

@@ -102,6 +102,7 @@ def test_an_image_too_large_is_refused_before_anything_is_allocated():
     (np.zeros((4, 4), object), {}, "object"),
     (np.zeros((4, 4), "M8[s]"), {}, "datetime64"),
     (np.zeros((4, 4, 2)), {}, "(4, 4, 2)"),
+    (np.full((40, 40), 1e35, np.float32), {}, "the image holds values of 1e+35: scale them to"),
     (np.zeros((40, 40)), {"mask": np.zeros((40, 41))}, "the mask has 41 x 40 pixels"),
     (np.zeros((40, 40)), {"dark": np.zeros((20, 40))}, "the dark has 40 x 20 pixels"),
     (np.zeros((40, 40)), {"dark": np.zeros(40)}, "the dark has shape (40,)"),

@@ -121,6 +121,37 @@ def test_a_solution_that_nobody_has_read_can_be_copied(tracker, frame, copied):
     assert record(copied(tracker.solve(frame.xy_px))) == record(tracker.solve(frame.xy_px))
 
 
+def test_solutions_are_compared_as_the_things_that_they_are(tracker, frame):
+    one, other = tracker.solve(frame.xy_px), tracker.solve(frame.xy_px)
+    assert one == one  # noqa: PLR0124
+    assert len({one, other, one}) == 2
+
+
+@pytest.mark.parametrize("copied", [
+    copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one)),
+], ids=["deepcopy", "pickle"])
+def test_a_tracker_is_copied_as_what_it_was_made_with(tracker, frame, copied):
+    assert record(copied(tracker).solve(frame.xy_px)) == record(tracker.solve(frame.xy_px))
+
+
+@pytest.mark.parametrize("nothing", [[], (), np.array([]), np.empty((0, 2))])
+def test_a_list_of_no_star_is_a_frame_with_too_few(tracker, nothing):
+    assert tracker.solve(nothing).status is Status.TOO_FEW_STARS
+
+
+def test_what_is_masked_is_no_centroid(tracker, frame):
+    masked = np.ma.masked_array(frame.xy_px, np.zeros(frame.xy_px.shape, bool))
+    masked[0] = np.ma.masked
+    plain = frame.xy_px.copy()
+    plain[0] = np.nan
+    assert record(tracker.solve(masked)) == record(tracker.solve(plain))
+
+
+def test_complex_numbers_are_refused(tracker, frame):
+    with pytest.raises(ValueError, match="real numbers, not complex ones"):
+        tracker.solve(frame.xy_px + 1j)
+
+
 def test_a_solution_names_what_it_does_not_have(tracker, frame):
     with pytest.raises(AttributeError, match=r"^'Solution' object has no attribute 'atitude'$"):
         tracker.solve(frame.xy_px).atitude  # noqa: B018

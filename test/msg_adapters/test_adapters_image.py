@@ -178,8 +178,8 @@ def test_data_that_is_no_picture_is_refused_in_one_sentence():
     with pytest.raises(ImageError) as caught:
         picture_from_compressed(message)
     assert (caught.value.kind, str(caught.value)) == ("compressed", (
-        "CompressedImage of format jpeg cannot be decoded (it is no image): send JPEG or PNG, of 8 "
-        "bits or grey of 16"
+        "CompressedImage of format jpeg cannot be decoded (it is no image): send JPEG or PNG, of "
+        "8 bits or grey of 16"
     ))
 
 

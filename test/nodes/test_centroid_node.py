@@ -209,6 +209,12 @@ def test_a_mask_hides_a_star_and_a_dark_frame_what_it_has(tmp_path):
         assert client.node.health.refused["unusable"] == 1
 
 
+def test_a_mask_that_hides_all_is_refused_in_one_line(tmp_path):
+    np.save(tmp_path / "mask.npy", np.full(GOOD.shape, 255, np.uint8))
+    with open_bench() as bench, pytest.raises(ParameterError, match="hides every pixel: it has 0"):
+        bench.start(CentroidNode, {"mask_file": str(tmp_path / "mask.npy")})
+
+
 def test_a_mask_that_is_not_there_is_refused_in_one_line(tmp_path):
     with open_bench() as bench, pytest.raises(ParameterError) as caught:
         bench.start(CentroidNode, {"mask_file": str(tmp_path / "none.png")})

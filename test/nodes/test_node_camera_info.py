@@ -102,6 +102,34 @@ def test_latched_publisher_that_takes_the_place_of_one_that_is_not(reliability):
         assert client.send(map1()).status == "SOLVED"
 
 
+@pytest.mark.parametrize("volatile_first", [True, False])
+def test_latched_publisher_beside_one_that_is_not(volatile_first):
+    """Two cameras share the topic, each serves its own frames."""
+    with open_bench() as bench:
+        client = IdentifyClient(bench)
+        latched = bench.outbox(CameraInfo, "camera_info", RELIABLE, LATCHED)
+        latched.publish(info(new_header("left")))
+        other = info(new_header("right"), MAP1.camera.scaled(0.5))
+        if volatile_first:
+            bench.outbox(CameraInfo, "camera_info", RELIABLE, VOLATILE)
+        bench.start(IdentifyNode, PATIENT)
+        client.connect()
+        volatile = bench.connected_outbox(CameraInfo, "camera_info", RELIABLE, VOLATILE)
+        volatile.publish(other)
+        assert client.send(map1(new_header("left"))).status == "SOLVED"
+
+
+def test_a_camera_that_is_not_announced_holds_up_no_other_one():
+    with info_client({**PATIENT, "camera_info_wait_ms": 10_000.0}) as client:
+        infos = client.bench.connected_outbox(CameraInfo, "camera_info")
+        for name in ("left", "right"):
+            infos.publish(info(new_header(name)))
+        client.publish(map1(new_header("unknown")))
+        # Answered while the one before it waits, longer than any test does.
+        assert client.send(map1(new_header("left"))).status == "SOLVED"
+        assert client.bench.node._intake.n_waiting == 1
+
+
 # ---- which camera, and why none --------------------------------------------------------------
 
 

@@ -1,17 +1,19 @@
 """replay_node in this process: what it publishes, when it starts and how it ends."""
 
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 import pytest
 from rclpy.executors import ExternalShutdownException
 from rclpy.qos import ReliabilityPolicy
 from ros_helpers import open_bench, stamp_ns
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from star_tracker.maps.star_map import paper_maps, write_star_map
 from star_tracker.msg_adapters.camera_info import camera_from_info
 from star_tracker.msg_adapters.point_cloud import centroids_from_cloud
+from star_tracker.nodes import sending
 from star_tracker.nodes.declaring import ParameterError
 from star_tracker.nodes.replay_node import ReplayNode
 
@@ -53,6 +55,29 @@ def centroids(messages):
 
 def sorted_rows(xy):
     return xy[np.lexsort(xy.T)]
+
+
+def test_with_a_clock_that_has_not_begun_nothing_is_sent_and_the_log_says_why(monkeypatch, capfd):
+    monkeypatch.setattr(sending, "_REMINDER_S", 0.01)
+    with open_bench() as bench:
+        frames = bench.inbox(PointCloud2, "centroids")
+        infos = bench.inbox(CameraInfo, "camera_info")
+        bench.start(ReplayNode, {**FAST, "use_sim_time": True})
+        bench.until_true(lambda: "/clock" in capfd.readouterr().err, "reminder")
+        assert frames.messages == []
+        clock = bench.connected_outbox(Clock, "/clock")
+        seconds = count(1000)
+
+        def tell():
+            message = Clock()
+            message.clock.sec = next(seconds)
+            clock.publish(message)
+
+        bench.probe.create_timer(0.01, tell)
+        spin_to_the_end(bench)
+        receive(bench, frames, len(MAPS))
+        receive(bench, infos, len(MAPS))
+    assert all(message.header.stamp.sec >= 1000 for message in frames.messages)
 
 
 # ---- what is published -----------------------------------------------------------------------

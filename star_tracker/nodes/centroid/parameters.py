@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from star_tracker.detection.centroids import PSF_RANGE_PX, DetectSettings
@@ -78,11 +79,16 @@ class CentroidParameters:
                 raise ParameterError(f"image_transport compressed needs {error}") from error
         files = {"mask": self.mask_file, "dark": self.dark_file}
         try:
-            return {
+            found = {
                 name: read_image(Path(file).expanduser()) for name, file in files.items() if file
             }
         except ValueError as error:
             raise ParameterError(str(error)) from error
+        if "mask" in found and np.all(found["mask"] != 0):
+            raise ParameterError(
+                f"mask_file {self.mask_file} hides every pixel: it has 0 where a pixel is used"
+            )
+        return found
 
 
 CENTROID_PARAMETERS = parameters_of(CentroidParameters)

@@ -201,8 +201,9 @@ class EarthOutput:
         told_ns, velocity = self._velocity
         if abs(stamp_ns - told_ns) > _VELOCITY_AGE_NS:
             raise ValueError(
-                f"the last velocity is {(stamp_ns - told_ns) / 1e9:.1f} s older than the frame: "
-                f"send one at least every {_VELOCITY_AGE_NS // 10**9} s"
+                f"the last velocity is {abs(stamp_ns - told_ns) / 1e9:.1f} s "
+                f"{'older' if told_ns < stamp_ns else 'younger'} than the frame: send one at "
+                f"least every {_VELOCITY_AGE_NS // 10**9} s"
             )
         return velocity
 

@@ -28,7 +28,7 @@ from star_tracker.optics.camera import Camera
 _SHORTEST_S = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # each is itself alone, whatever it holds
 class IncomingFrame:
     """A frame that has come: its message, when it was received and when it was taken.
 
@@ -80,7 +80,7 @@ class Intake:
         self._drops = DropCounter()
         self._n_overtaken = 0
         self._open = False
-        self._last_chance: IncomingFrame | None = None
+        self._last_chance: dict[str, IncomingFrame] = {}
         p = setup().parameters
         self._depth, self._use_info = p.queue_depth, p.use_camera_info
         # Steady, as the ROS time may stand still; it runs only while a frame waits.
@@ -137,7 +137,8 @@ class Intake:
     def _take(self, frame: IncomingFrame) -> None:
         self._waiting.append(frame)
         if len(self._waiting) > self._depth:
-            self._waiting.popleft()
+            overtaken = self._waiting.popleft()
+            self._last_chance.pop(overtaken.frame_id, None)
             self._n_overtaken += 1
         self._serve_waiting()
 
@@ -146,30 +147,39 @@ class Intake:
         self._serve_waiting()
 
     def _serve_waiting(self) -> None:
-        """Identify the frames whose camera is known, in order; give up on waiting in time."""
-        while self._open and self._waiting:
-            frame = self._waiting[0]
+        """Identify the frames whose camera is known; give up on waiting in time.
+
+        Those of one frame_id stay in order, and wait for nobody else's.
+        """
+        held: dict[str, float] = {}
+        for frame in list(self._waiting) if self._open else ():
+            if frame.frame_id in held:
+                continue
             if not self._use_info:
-                self._waiting.popleft()
+                self._waiting.remove(frame)
                 self._identify(frame, self._setup().camera)
                 continue
             camera = self._feeds.settled(frame.frame_id, frame.stamp_ns)
             if camera is None:
                 patience_s = self._setup().parameters.camera_info_wait_ms / 1e3
                 left_s = frame.taken_s + patience_s - time.monotonic()
-                if left_s > 0 or self._last_chance is not frame:
+                if left_s > 0 or self._last_chance.get(frame.frame_id) is not frame:
                     # Timers go before subscriptions: what came meanwhile, while the process had
                     # no processor perhaps, is read before a frame gives up.
-                    self._last_chance = frame if left_s <= 0 else None
-                    self._look_again_in(left_s)
-                    return
+                    if left_s <= 0:
+                        self._last_chance[frame.frame_id] = frame
+                    held[frame.frame_id] = left_s
+                    continue
                 camera = self._best(frame)
-            self._waiting.popleft()
+            self._waiting.remove(frame)
+            self._last_chance.pop(frame.frame_id, None)
             self._feeds.answered(frame.frame_id, frame.stamp_ns)
             if camera is None:
                 self._reject(frame, "camera_info_missing", self._why_no_camera(frame))
             else:
                 self._identify(frame, camera)
+        if held:
+            self._look_again_in(min(held.values()))
 
     def _look_again_in(self, seconds: float) -> None:
         self._timer.timer_period_ns = int(1e9 * max(seconds, _SHORTEST_S))

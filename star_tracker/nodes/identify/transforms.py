@@ -10,7 +10,6 @@ from std_msgs.msg import Header
 
 from star_tracker.attitude.attitude import Attitude
 from star_tracker.geometry.spherical import Floats
-from star_tracker.msg_adapters import MessageError
 from star_tracker.msg_adapters.transforms import (
     FrameRotation,
     rotations_from_tf,
@@ -78,11 +77,11 @@ class Mounting:
         return rotation
 
     def _take(self, message: Any) -> None:
-        try:
-            for turned in rotations_from_tf(message):
-                self._frames.take(turned.parent, turned.child, turned.rotation)
-        except MessageError as error:
-            self._node.get_logger().error(f"{_TF_STATIC}: {error}")
+        found, complaints = rotations_from_tf(message)
+        for turned in found:
+            self._frames.take(turned.parent, turned.child, turned.rotation)
+        for sentence in complaints:
+            self._node.get_logger().error(f"{_TF_STATIC}: {sentence}")
 
 
 class TransformOutput:
