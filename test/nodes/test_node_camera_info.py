@@ -119,6 +119,16 @@ def test_latched_publisher_beside_one_that_is_not(volatile_first):
         assert client.send(map1(new_header("left"))).status == "SOLVED"
 
 
+def test_latched_publisher_that_comes_beside_one_that_is_not():
+    with info_client(PATIENT) as client:
+        bench = client.bench
+        volatile = bench.connected_outbox(CameraInfo, "camera_info", RELIABLE, VOLATILE)
+        volatile.publish(info(new_header("right"), MAP1.camera.scaled(0.5)))
+        latched = bench.outbox(CameraInfo, "camera_info", RELIABLE, LATCHED)
+        latched.publish(info(new_header("left")))  # at once: the node hears of it later
+        assert client.send(map1(new_header("left"))).status == "SOLVED"
+
+
 def test_a_camera_that_is_not_announced_holds_up_no_other_one():
     with info_client({**PATIENT, "camera_info_wait_ms": 10_000.0}) as client:
         infos = client.bench.connected_outbox(CameraInfo, "camera_info")
