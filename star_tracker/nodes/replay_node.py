@@ -40,7 +40,6 @@ class ReplayNode(DeclaringNode):
             raise ParameterError(str(error)) from error
         self._told = p
         self._rng = np.random.default_rng(p.seed)
-        self._sent = 0
         qos = QoSProfile(
             depth=max(50, len(self._maps)), reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.VOLATILE,
@@ -55,7 +54,7 @@ class ReplayNode(DeclaringNode):
             raise
         self._sending = Sending(
             self, self._centroids, self._infos if p.publish_camera_info else None, p.rate_hz,
-            self._send_next, "frames",
+            self._send, "frames",
         )
         for sentence in unknown_parameters(self, given):
             self.get_logger().warning(sentence)
@@ -63,18 +62,17 @@ class ReplayNode(DeclaringNode):
             f"{len(self._maps)} maps at {p.rate_hz:g} Hz, waiting for a subscriber"
         )
 
-    def _send_next(self) -> bool:
-        """Send the next map; return False after the last one."""
-        if self._sent >= len(self._maps) and not self._told.loop:
+    def _send(self, number: int) -> bool:
+        """Send a map; return False after the last one."""
+        if number >= len(self._maps) and not self._told.loop:
             return False
-        star_map = self._maps[self._sent % len(self._maps)]
+        star_map = self._maps[number % len(self._maps)]
         header = Header(
             stamp=self.get_clock().now().to_msg(), frame_id=self._told.camera_frame
         )
         if self._told.publish_camera_info:
             self._infos.publish(info_from_camera(star_map.camera, header))
         self._centroids.publish(cloud_from_centroids(Centroids(self._observed(star_map)), header))
-        self._sent += 1
         return True
 
     def _observed(self, star_map: StarMap) -> np.ndarray:

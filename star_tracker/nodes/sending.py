@@ -28,16 +28,16 @@ class Sending:
         frames: the publisher that is waited for.
         infos: one that is waited for a little, None where it does not matter.
         rate_hz: frames per second.
-        send_next: sends a frame; returns False where there is none left.
+        send: sends the frame of a number from 0 on; returns False where there is none left.
         noun: what the log calls frames.
     """
 
     def __init__(
         self, node: Node, frames: Publisher, infos: Publisher | None, rate_hz: float,
-        send_next: Callable[[], bool], noun: str,
+        send: Callable[[int], bool], noun: str,
     ) -> None:
         self._node, self._frames, self._infos = node, frames, infos
-        self._rate_hz, self._send_next, self._noun = rate_hz, send_next, noun
+        self._rate_hz, self._send, self._noun = rate_hz, send, noun
         self._n_sent, self._until_s = 0, 0.0
         # Steady, as the ROS time may stand still.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -58,7 +58,7 @@ class Sending:
             return
         if nobody:
             self._node.get_logger().info("nobody listens to camera_info, starting all the same")
-        self._again_every(1 / self._rate_hz, self._send, clock)
+        self._again_every(1 / self._rate_hz, self._send_next, clock)
 
     def _remind(self, sentence: str) -> None:
         self._node.get_logger().info(
@@ -69,8 +69,8 @@ class Sending:
         self._node.destroy_timer(self._timer)
         self._timer = self._node.create_timer(period_s, callback, clock=clock)
 
-    def _send(self) -> None:
-        if self._send_next():
+    def _send_next(self) -> None:
+        if self._send(self._n_sent):
             self._n_sent += 1
             return
         self._until_s = time.monotonic() + _ACKNOWLEDGE_S

@@ -54,10 +54,9 @@ class SkyImageNode(DeclaringNode):
         except ValueError as error:
             self.destroy_node()
             raise ParameterError(str(error)) from error
-        self._sent = 0
         self._first_ns = 0
         self._sending = Sending(
-            self, self._images, self._infos, self._told.rate_hz, self._send_next, "images"
+            self, self._images, self._infos, self._told.rate_hz, self._send, "images"
         )
         for sentence in unknown_parameters(self, given):
             self.get_logger().warning(sentence)
@@ -74,21 +73,20 @@ class SkyImageNode(DeclaringNode):
             self._infos = make(CameraInfo, "camera_info", qos)
             self._truth = make(QuaternionStamped, "truth/attitude", qos)
 
-    def _send_next(self) -> bool:
-        """Send the next image; return False after the last one."""
-        if self._sent == self._told.count > 0:
+    def _send(self, number: int) -> bool:
+        """Send an image; return False after the last one."""
+        if number == self._told.count > 0:
             return False
         now = self.get_clock().now()
-        self._first_ns = self._first_ns if self._sent else now.nanoseconds
+        self._first_ns = self._first_ns if number else now.nanoseconds
         rotation, rate = self._told.rotation_at((now.nanoseconds - self._first_ns) / 1e9)
         x, y, z = rate.tolist()
         rendered = render(self._camera, rotation, self._catalog, replace(
-            self._settings, rate_deg_s=(x, y, z), seed=self._told.seed + self._sent
+            self._settings, rate_deg_s=(x, y, z), seed=self._told.seed + number
         ))
         self._publish(rendered.image, rotation, Header(
             stamp=now.to_msg(), frame_id=self._told.camera_frame
         ))
-        self._sent += 1
         return True
 
     def _publish(self, pixels: np.ndarray, rotation: Floats, header: Header) -> None:
